@@ -96,10 +96,6 @@ class Session:
         seen = {} if self.played is None else self.played.ranges()
         return partial(view_of, self.version, self.surroundings, self.values, seen, self.task)
 
-    def set_fluent(self, name: str, value: float | bool) -> None:
-        """Change one fluent of the state."""
-        self.values = {**self.values, name: value}
-
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
         self.values, self.origin, self.step = {}, _INITIAL, None

@@ -26,15 +26,11 @@ function connectSteps() {
   for (const row of alternatives.rows) row.tabIndex = 0;
   alternatives.body.addEventListener("click", choose);
   alternatives.body.addEventListener("keydown", choose);
-  for (const button of document.querySelectorAll("button[data-step]")) {
-    button.addEventListener("click", () => jump(Number(button.dataset.step)));
-  }
-  for (const button of document.querySelectorAll("button[data-card]")) {
-    button.addEventListener("click", () => filterBy(button));
-  }
-  for (const button of document.querySelectorAll("button[data-line]")) {
-    button.addEventListener("click", () => { jump(now); toLine(button.dataset.line); });
-  }
+  const buttons = (data, call) => document.querySelectorAll(`button[data-${data}]`).forEach(
+    (button) => button.addEventListener("click", () => call(button)));
+  buttons("step", (button) => jump(Number(button.dataset.step)));
+  buttons("card", filterBy);
+  buttons("line", (button) => { jump(now); toLine(button.dataset.line); });
 }
 
 function fit() {

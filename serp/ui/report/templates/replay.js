@@ -172,10 +172,9 @@ const numbered = (number) =>
 /** Go to a step from elsewhere on the page. */
 function jump(step) {
   show(step);
-  byId("steps").scrollIntoView({ behavior: calm() ? "auto" : "smooth" });
+  const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  byId("steps").scrollIntoView({ behavior: calm ? "auto" : "smooth" });
 }
-
-const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 // Filters ------------------------------------------------------------------------------------
 

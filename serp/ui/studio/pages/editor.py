@@ -1,4 +1,4 @@
-"""The editor: the domain and its problem, and saving.
+"""The editor: the domain and its problem, saving, and what is wrong.
 
 The text is what the browser shows; what is typed comes from there as changes of it. Nothing here
 sets the text of an editor, nor any of its properties: with them NiceGUI sends the text that it
@@ -32,18 +32,17 @@ _REVEAL: Final = """((id, number, column) => {
 
 
 class EditorPane:
-    """Editors in tabs."""
+    """Editors in tabs, and the list of findings; each can be gone to."""
 
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
         self._editors: dict[str, ui.codemirror] = {}
+        self._findings: tuple[Finding, ...] = ()
+        self._underlined: dict[str, list[tuple[str, int]]] = {}
         documents = session.documents
         with ui.element("section").classes("serp-files"):
-            with (
-                ui.tabs()
-                .props("dense no-caps align=left breakpoint=0")
-                .classes("serp-tabs") as self._tabs
-            ):
+            self._tabs = ui.tabs().props("dense no-caps align=left breakpoint=0")
+            with self._tabs.classes("serp-tabs"):
                 for which, document in documents.items():
                     ui.tab(which, label=document.path.name)
             self._tabs.set_value(DOMAIN)
@@ -58,6 +57,10 @@ class EditorPane:
                         keymap={"Mod-s": lambda: self.save()},
                     ).classes("serp-code")
                 panel.bind_visibility_from(self._tabs, "value", value=which)
+        self._summary = ui.label().classes("serp-summary").props('role="status"')
+        self._list = ui.html(tag="ul").classes("serp-findings")
+        follow_places(self._list, self.jump)
+        live.shows(self.show)
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
@@ -67,10 +70,6 @@ class EditorPane:
     def _edited(self, which: str, event: Any) -> None:
         self._session.edit(which, event.value or "")
         self._live.changed()
-
-    def underline(self, which: str, marks: list[dict[str, Any]]) -> None:
-        """Underline places of a document."""
-        self._editors[which].run_method("setDecorations", marks)
 
     def jump(self, file: str, line: int, column: int) -> None:
         """Put the cursor at a line and column, both from 1, of a file that is open."""
@@ -94,18 +93,7 @@ class EditorPane:
             ui.notify(f"Saved {names}" if saved else "Nothing to save", position="bottom-left")
         self._live.changed()
 
-
-class FindingsPane:
-    """The list of findings; each can be gone to."""
-
-    def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        self._session, self._editor = session, editor
-        self._findings: tuple[Finding, ...] = ()
-        self._underlined: dict[str, list[tuple[str, int]]] = {}
-        self._summary = ui.label().classes("serp-summary").props('role="status"')
-        self._list = ui.html(tag="ul").classes("serp-findings")
-        follow_places(self._list, editor.jump)
-        live.shows(self.show)
+    # Findings ----------------------------------------------------------------------------------
 
     def show(self, view: View) -> None:
         """Show what is wrong, in the text and in the list."""
@@ -115,13 +103,8 @@ class FindingsPane:
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
         names = {str(each.path): each.path.name for each in self._session.documents.values()}
-        listed = render(
-            "serp.ui.studio.pages",
-            "findings.html.j2",
-            findings=view.findings[:200],
-            names=names,
-        )
-        self._list.set_content(listed)
+        template = ("serp.ui.studio.pages", "findings.html.j2")
+        self._list.set_content(render(*template, findings=view.findings[:200], names=names))
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.
@@ -136,7 +119,7 @@ class FindingsPane:
             # The editor moves its marks along with their text.
             texts = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
             if texts != self._underlined.get(which, []):
-                self._editor.underline(which, marks)
+                self._editors[which].run_method("setDecorations", marks)
                 self._underlined[which] = texts
 
 

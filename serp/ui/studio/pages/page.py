@@ -11,7 +11,7 @@ from serp._util.templates import render
 from serp._util.text import percent, readable
 from serp.agent.sentences import kind_of_return, line_of_run, runs_of
 from serp.ui.studio.document import Document
-from serp.ui.studio.pages.editor import EditorPane, FindingsPane
+from serp.ui.studio.pages.editor import EditorPane
 from serp.ui.studio.pages.live import Jump, Live, follow_places
 from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import Session
@@ -45,7 +45,6 @@ async def show_page(session: Session) -> None:
         files.move(splitter, target_slot="before")
         with files:
             editor = EditorPane(session, live)
-            FindingsPane(session, live, editor)
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
             with ui.element("section").classes("serp-panel"):

@@ -81,7 +81,8 @@ class StatePane:
             return
         known = self._session.values.get(control.name, control.value)
         if float(value) != float(known):
-            self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
+            set_to = float(value) if control.numeric else bool(value)
+            self._session.values = {**self._session.values, control.name: set_to}
             self._live.changed()
 
 

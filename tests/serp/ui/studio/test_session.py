@@ -34,7 +34,7 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session):
     plan = MonitorReplanner(domain.model).plan([1.0, 20.0])
     account = view.decision.account
     assert (account.chosen, account.alternatives[0].best_return) == (plan.action, plan.reward)
-    session.set_fluent("heat", 70.0)  # a fluent that is set
+    session.values = {**session.values, "heat": 70.0}  # a fluent that is set
     view = session.asked()()
     (unsafe,) = (c for c in view.decision.account.alternatives[0].causes if c.what == "unsafe")
     assert unsafe.place is not None and unsafe.place.line == 8
