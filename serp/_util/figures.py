@@ -7,10 +7,8 @@ from Okabe and Ito's palette, which colour-blind readers can tell apart.
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, Literal
-
-import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,6 +83,12 @@ def colour(name: str) -> str:
     return f"var(--{name}, {PALETTE[name][0]})"
 
 
+def page_colours() -> str:
+    """Return the palette as CSS variables of a page, which sets `color-scheme`."""
+    variables = (f"--{name}: light-dark({a}, {b});" for name, (a, b) in PALETTE.items())
+    return f":root {{ {' '.join(variables)} }}\n"
+
+
 def style_sheet() -> str:
     """Return the element that makes an SVG file dark where the reader's pages are."""
     dark = ";".join(f"--{name}:{shade}" for name, (_, shade) in PALETTE.items())
@@ -114,38 +118,6 @@ def caption(axes: Axes, text: str) -> None:
     axes.annotate(text, (0, 1), (0, 6), "axes fraction", "offset points", color=FAINT, fontsize=9.5)
 
 
-def label_ends(axes: Axes, ends: Sequence[tuple[str, float, str]], inches: float) -> None:
-    """Name curves beside their right ends, so that nobody has to look them up in a legend.
-
-    Args:
-        axes: With their final limits.
-        ends: Name, height in data and colour of each curve.
-        inches: Height of the axes, about: names are moved apart where they would overlap.
-    """
-    low, high = axes.get_ylim()
-    at = sorted((min(max((y - low) / (high - low), 0.0), 1.0), name, shade)
-                for name, y, shade in ends if np.isfinite(y))  # fmt: skip
-    for (share, name, shade), row in zip(
-        at, _apart([y for y, *_ in at], 0.2 / inches), strict=True
-    ):
-        axes.plot(
-            [1.005, 1.02, 1.035], [share, row, row], transform=axes.transAxes, color=shade,
-            linewidth=2.0, clip_on=False, label="_name",
-        )  # fmt: skip
-        axes.text(1.045, row, name, transform=axes.transAxes, fontsize=10, color=INK,
-                  verticalalignment="center")  # fmt: skip
-
-
-def _apart(heights: Sequence[float], gap: float) -> list[float]:
-    """Return ascending heights moved apart to a distance, about where they were."""
-    groups: list[tuple[float, int]] = []  # centre and number of neighbours that touch
-    for height in heights:
-        group = (height, 1)
-        while groups:
-            (before, count), (centre, size) = groups[-1], group
-            if centre - before >= gap * (count + size) / 2:
-                break
-            groups.pop()
-            group = ((before * count + centre * size) / (count + size), count + size)
-        groups.append(group)
-    return [centre + gap * (i - (size - 1) / 2) for centre, size in groups for i in range(size)]
+def legend(axes: Axes) -> None:
+    """Name what is drawn beside the axes, where it covers nothing."""
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)

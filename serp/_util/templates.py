@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,14 @@ def render(
 
     Values are escaped in `*.html.j2`; an undefined name is an error.
     """
-    environment = Environment(
+    environment = _environment(package)
+    environment.filters |= filters or {}
+    return environment.get_template(template).render(values)
+
+
+@functools.cache  # with its compiled templates
+def _environment(package: str) -> Environment:
+    return Environment(
         loader=PackageLoader(package),
         autoescape=select_autoescape(["html.j2"], default=False),
         undefined=StrictUndefined,
@@ -23,5 +31,3 @@ def render(
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= filters or {}
-    return environment.get_template(template).render(values)

@@ -88,17 +88,16 @@ def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[],
     # No refresh thread: it would draw while the policy computes.
     shown = Progress(*columns, console=open_console(sys.stderr), auto_refresh=False, transient=True)
     task = shown.add_task(title, total=total)
+    closed = contextlib.suppress(OSError, ValueError)  # of the terminal, must not end the work
 
     def advance() -> None:
-        # A terminal that was closed must not end the work.
-        with contextlib.suppress(OSError, ValueError):
+        with closed:
             shown.update(task, advance=1, refresh=True)
 
-    with contextlib.suppress(OSError, ValueError):
+    with closed:
         shown.start()
-        shown.refresh()
     try:
         yield advance
     finally:
-        with contextlib.suppress(OSError, ValueError):
+        with closed:
             shown.stop()

@@ -204,6 +204,13 @@ class Place:
         """The whole line on which the place begins, without its line break."""
         return self.source.line_text(self.line)
 
+    @property
+    def first_line(self) -> Place:
+        """The part of it on its first line, at least a character."""
+        end = self.start + len(self.source_line) - (self.column - 1)
+        end = min(self.end, end)
+        return Place(self.source, self.start, min(max(end, self.start + 1), len(self.source.text)))
+
     def warn(
         self, text: str, code: str = "not-portable", *, write: str | None = None, advice: str = ""
     ) -> None:

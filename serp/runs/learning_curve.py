@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import matplotlib.style
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from serp._util.figures import ACTORS, INK, LINE, PLANNER, STYLE, caption, label_ends
+from serp._util.figures import ACTORS, INK, LINE, PLANNER, STYLE, caption, legend
 from serp.runs.summary import WINDOW, Metrics, binned_shares, moving_interval, moving_mean
 
 
@@ -52,17 +51,15 @@ def _draw_shares(axes: Axes, metrics: Metrics) -> None:
     # Most runs have no fallback steps; they are then left out.
     shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
     colors = [ACTORS[actor] for actor in shown]
-    axes.stackplot(centres, *shown.values(), colors=colors, alpha=0.75, linewidth=0)
+    axes.stackplot(centres, *shown.values(), labels=shown, colors=colors, alpha=0.75, linewidth=0)
     # At 0 and 1 the frame would clip half of the line.
-    axes.plot(metrics["env_steps"], metrics["rho"], color=INK, linewidth=1.8, clip_on=False)
+    axes.plot(
+        metrics["env_steps"], metrics["rho"], color=INK, linewidth=1.8, clip_on=False, label="ρ"
+    )
+    legend(axes)
     axes.set_ylim(0, 1)
     axes.set_ylabel("share of decisions")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.yaxis.set_major_locator(MaxNLocator(2))
     axes.grid(False)
     caption(axes, "areas: who decided · line: ρ, the probability that the learner is asked")
-    if len(centres):
-        last = np.array([share[-1] for share in shown.values()])
-        middles = np.cumsum(last) - last / 2
-        ends = [*zip(shown, middles, colors, strict=True)]
-        label_ends(axes, [*ends, ("ρ", metrics["rho"][-1], INK)], 1.3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,8 +14,13 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import PositionCodec
 
 from serp import __version__
-from serp.authoring.language_server.completion import completions, explained, word_start
-from serp.authoring.language_server.index import Index, word_at
+from serp.authoring.language_server.names import (
+    Index,
+    completions,
+    explained,
+    typed_before,
+    word_at,
+)
 from serp.authoring.lint.domain_pairs import domain_beside, domain_not_found, title_of
 from serp.authoring.lint.findings import Finding, Severity, examine
 from serp.authoring.lint.formatting import formatted
@@ -46,31 +51,6 @@ def text_of(name: str, text: str) -> Source:
 
 index_of = functools.lru_cache(maxsize=4)(Index)
 _examined = functools.lru_cache(maxsize=16)(examine)
-
-
-def files_of(opened: Source, text_at: Callable[[Path], str | None]) -> Files:
-    """Return a domain, a problem or scenarios, named by their path, with what belongs to them.
-
-    `text_at` returns the text in the editor of a path; None where it is not open there.
-    """
-
-    def read(path: Path | None) -> Source | None:
-        if path is None:
-            return None
-        text = text_at(path)
-        try:
-            return text_of(str(path), Source.read(path).text if text is None else text)
-        except SerpError:
-            return None
-
-    path = Path(opened.name)
-    if path.suffix == SUFFIX:
-        domain = path.with_suffix(".pddl")
-        return Files(opened, read(domain), read(problem_beside(domain)))
-    title = title_of(opened)
-    if title.kind == "problem":
-        return Files(opened, read(domain_beside(path, title)), opened)
-    return Files(opened, opened, read(problem_beside(path)))
 
 
 def findings_in(files: Files) -> list[Finding]:
@@ -108,31 +88,22 @@ class Positions:
 
     def position(self, source: Source, offset: int) -> types.Position:
         """Return the position of a character."""
-        place = Place(source, offset, offset)
-        at = types.Position(place.line - 1, place.column - 1)
-        return self._codec.position_to_client_units(_lines(source), at)
+        place = source.place(offset, offset)
+        before = place.source_line[: place.column - 1]
+        return types.Position(place.line - 1, self._codec.client_num_units(before))
 
     def offset(self, source: Source, position: types.Position) -> int:
         """Return the character at a position; the nearest one where there is none."""
-        at = self._codec.position_from_client_units(_lines(source), position)
-        return min(source.line_starts[at.line] + at.character, len(source.text))
+        line = min(position.line, len(source.line_starts) - 1)
+        within = types.Position(0, position.character)
+        at = self._codec.position_from_client_units([f"{source.line_text(line + 1)}\n"], within)
+        return min(source.line_starts[line] + at.character, len(source.text))
 
     def range(self, place: Place) -> types.Range:
         """Return where a place is."""
         return types.Range(
             self.position(place.source, place.start), self.position(place.source, place.end)
         )
-
-    def first_line(self, place: Place) -> types.Range:
-        """Return where a place is, to the end of its first line."""
-        source = place.source
-        end = source.line_starts[place.line - 1] + len(place.source_line)
-        return self.range(source.place(place.start, min(place.end, max(end, place.start))))
-
-
-@functools.lru_cache(maxsize=4)
-def _lines(source: Source) -> list[str]:
-    return [f"{source.line_text(n)}\n" for n in range(1, len(source.line_starts) + 1)]
 
 
 _START = types.Range(types.Position(0, 0), types.Position(0, 0))
@@ -147,7 +118,7 @@ def diagnostic(finding: Finding, positions: Positions) -> types.Diagnostic:
     """Return a finding; of a long place, its first line."""
     text = finding.message + (f"\n{finding.advice}" if finding.advice else "")
     return types.Diagnostic(
-        positions.first_line(finding.place) if finding.place is not None else _START,
+        positions.range(finding.place.first_line) if finding.place is not None else _START,
         text,
         severity=_SEVERITIES[finding.severity],
         code=finding.code,
@@ -190,7 +161,6 @@ class PddlServer(LanguageServer):
             "serp", __version__, text_document_sync_kind=types.TextDocumentSyncKind.Full
         )
         self._newest = 0
-        self._checking = asyncio.Lock()
 
     @property
     def positions(self) -> Positions:
@@ -198,11 +168,27 @@ class PddlServer(LanguageServer):
         return Positions(self.workspace.position_codec)
 
     def files(self, uri: str) -> Files:
-        """Return an open file with what belongs to it, as they are in the editor."""
+        """Return a domain, a problem or scenarios with what belongs to them, as in the editor."""
         texts = {doc.path: doc.source for doc in self.workspace.text_documents.values()}
-        document = self.workspace.get_text_document(uri)
-        opened = text_of(uris.to_fs_path(uri) or uri, document.source)
-        return files_of(opened, lambda path: texts.get(str(path)))
+
+        def read(path: Path | None) -> Source | None:
+            if path is None:
+                return None
+            text = texts.get(str(path))
+            try:
+                return text_of(str(path), Source.read(path).text if text is None else text)
+            except SerpError:
+                return None
+
+        path = Path(uris.to_fs_path(uri) or uri)
+        opened = text_of(str(path), self.workspace.get_text_document(uri).source)
+        if path.suffix == SUFFIX:
+            domain = path.with_suffix(".pddl")
+            return Files(opened, read(domain), read(problem_beside(domain)))
+        title = title_of(opened)
+        if title.kind == "problem":
+            return Files(opened, read(domain_beside(path, title)), opened)
+        return Files(opened, opened, read(problem_beside(path)))
 
     def indexed(
         self, uri: str, position: types.Position, *, word: bool = False
@@ -222,10 +208,9 @@ class PddlServer(LanguageServer):
         They come from another thread, so that the editor is answered meanwhile.
         """
         files = {uri: self.files(uri) for uri in opened}
-        async with self._checking:
-            return await asyncio.to_thread(
-                lambda: {uri: findings_in(read) for uri, read in files.items()}
-            )
+        return await asyncio.to_thread(
+            lambda: {uri: findings_in(read) for uri, read in files.items()}
+        )
 
     async def check(self, pause: float = 0.0) -> None:
         """Publish the findings of the open files, unless one changes meanwhile.
@@ -280,7 +265,8 @@ def _complete(ls: PddlServer, params: types.CompletionParams) -> list[types.Comp
     if source not in index.sources:  # scenarios
         return []
     items = completions(index, source, offset)
-    word = ls.positions.range(source.place(word_start(source.text[:offset]), offset))
+    start = offset - len(typed_before(source.text[:offset]))
+    word = ls.positions.range(source.place(start, offset))
     for number, item in enumerate(items):
         item.sort_text = f"{number:04}"
         item.text_edit = types.TextEdit(word, item.label)

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from serp._util.figures import INK, LINE, PALETTE, STYLE, label_ends, render
+from serp._util.figures import INK, LINE, PALETTE, STYLE, legend, page_colours, render
 from serp._util.files import make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
@@ -63,7 +63,7 @@ def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
         plan=results.plan,
         protocol=results.plan.protocol,
         threshold=readable(results.plan.threshold),
-        palette=PALETTE,
+        colours=page_colours(),
         pictures=embedded,
         missing=[str(job.trial) for job in jobs if job.trial not in results.measured],
         count=len(jobs),
@@ -166,7 +166,6 @@ def _curves(
     height = max(4.6, 0.22 * len(shown) + 1.5)
     figure = Figure(figsize=(9.0, height), layout="constrained")
     axes = figure.subplots()
-    ends = []
     for place, (name, curve) in enumerate(shown.items()):
         colour = PALETTE[colours[place % len(colours)]][0]
         centre, low, high = curve.band()
@@ -181,16 +180,15 @@ def _curves(
         axes.plot(
             curve.x, curve.y.T, color=colour, linewidth=0.7, alpha=0.25, label="_seed", zorder=0.5
         )
-        ends.append((name, float(centre[-1]), colour))
     worth = results.known(PLANNER, "final_policy")
     if planner and len(worth):
-        axes.axhline(worth.mean(), color=LINE, linestyle=(0, (1, 1.5)), linewidth=2.0)
-        ends.append(("planner alone", float(worth.mean()), LINE))
+        axes.axhline(
+            worth.mean(), color=LINE, linestyle=(0, (1, 1.5)), linewidth=2.0, label="planner alone"
+        )
     threshold = results.plan.threshold
     bottom, top = axes.get_ylim()
     if threshold is not None and bottom <= threshold <= top + 0.1 * (top - bottom):
-        axes.axhline(threshold, color=LINE, linewidth=1.2, zorder=1.5)
-        ends.append(("threshold", threshold, LINE))
+        axes.axhline(threshold, color=LINE, linewidth=1.2, zorder=1.5, label="threshold")
     budget = f"{results.plan.protocol.env_steps:,} env steps"
     axes.set(xlabel="env steps", ylabel=label, title=f"{title} over {budget}")
     if results.caution is not None:
@@ -198,7 +196,7 @@ def _curves(
     axes.set_xlim(0, max(float(max(curve.x[-1] for curve in shown.values())), 2.0))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-    label_ends(axes, ends, height - 1.2)
+    legend(axes)
     return figure
 
 

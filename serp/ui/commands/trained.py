@@ -26,7 +26,6 @@ from serp.ui.output import print_json, print_table, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from serp.agent.step_record import StepRecord
     from serp.runs.run_model import RunModel
     from serp.runs.step_account import StepAccount
 
@@ -231,23 +230,10 @@ def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None)
         from serp.ui.pictures.film import write_film
 
     path = out or run / "film.mp4"
-    write_film(open_run(run), path, policy, episodes, seed, _say_episode)
+    write_film(open_run(run), path, policy, episodes, seed)
     _print_size(path)
     if out is None and sys.stdout.isatty():
         click.launch(str(path))
-
-
-def _say_episode(number: int, last: StepRecord) -> None:
-    """Say what came of an episode, while the next one is played."""
-    from serp.runs.evaluation import outcome_of
-
-    totals, counts = last.episode, last.episode.decisions
-    outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
-    text = f"episode {number}: {outcome}return {readable(totals.return_)} in "
-    text += f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
-    if counts.unsafe_executed:
-        text += f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
-    say(text)
 
 
 @command("serp export runs/seven -o policy", "serp export runs/seven -o robot/policy")

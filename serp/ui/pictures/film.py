@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -16,6 +16,7 @@ from serp._util.figures import ACTORS, REFUSED
 from serp._util.files import replaced_durably
 from serp.agent.agent import Agent
 from serp.agent.decision import Actor
+from serp.agent.sentences import signed
 from serp.agent.step_record import StepRecord
 from serp.errors import RunError, TaskError
 from serp.model.flags import RISKY, UNSAFE
@@ -31,8 +32,6 @@ END: Final = 1.0
 """Additional duration of the last picture of an episode, s."""
 _MOST_FPS: Final = 60.0
 _BACKGROUND, _INK, _FAINT = "#16191F", "#F2F4F7", "#A9B0BB"
-OnEpisode = Callable[[int, StepRecord], None]
-"""Called with the number of an episode and its last step."""
 
 
 def render_mode_of(run: Run) -> str:
@@ -58,15 +57,13 @@ class Mark(NamedTuple):
 class Caption(NamedTuple):
     """The content of a caption; without an actor before the first decision.
 
-    If there is little room, the first ones of the `facts` (episode, step, return) are left out.
-    `outcome` is how the episode ended; empty while it runs, or if the environment does not say.
+    The `facts` are episode, step, return and, at its end, how the episode ended.
     """
 
     actor: Actor | None
     action: str
     facts: tuple[str, ...]
     marks: tuple[Mark, ...] = ()
-    outcome: str = ""
 
 
 class Frame(NamedTuple):
@@ -84,7 +81,6 @@ def film(
     episodes: int = 3,
     seed: int = 0,
     *,
-    on_episode: OnEpisode | None = None,
     recorder: Recorder | None = None,
 ) -> Iterator[Frame]:
     """Play a policy, as `serp.Run.evaluate` does, and yield the frames of a film.
@@ -102,19 +98,16 @@ def film(
             if new := marks_of(agent, step):
                 marks, hold = new, HOLD
             decision, pictures = step.decision, camera.take()
-            return_ = f"{step.episode.return_ + 0.0:+.2f}".replace("-", "−")
-            facts = (number, f"step {step.number}", f"return {return_}")
+            facts = [number, f"step {step.number}", f"return {signed(step.episode.return_)}"]
             name = agent.task.actions.name(decision.action)
             for k, picture in enumerate(pictures, 1):
-                seconds = camera.period(len(pictures))
-                caption = Caption(decision.executed_by, name, facts, marks if hold > 0.0 else ())
+                seconds, shown = camera.period(len(pictures)), marks if hold > 0.0 else ()
                 if step.last and k == len(pictures):
                     seconds = max(seconds + END, hold)
-                    caption = caption._replace(outcome=outcome_of(step.info))
+                    facts += filter(None, [outcome_of(step.info)])
                 hold -= seconds
+                caption = Caption(decision.executed_by, name, tuple(facts), shown)
                 yield draw.frame(picture, seconds, caption)
-            if step.last and on_episode is not None:
-                on_episode(episode.number, step)
 
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
@@ -145,55 +138,33 @@ class _FrameDrawing:
         if not self._size[0]:
             self._size = (_even(image.width), _even(image.height))
             letters = min(max(self._size[0] // 44, 12), 26)
-            fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-            self._plain = ImageFont.truetype(fonts / "DejaVuSans.ttf", letters)
-            self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
+            font = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans-Bold.ttf"
+            self._font = ImageFont.truetype(font, letters)
             self._pad, self._line = letters // 2, 2 * letters
         width, height = self._size
-        frame = Image.new("RGB", (width, height + _even(3 * self._line)), _BACKGROUND)
+        frame = Image.new("RGB", (width, height + _even(4 * self._line)), _BACKGROUND)
         frame.paste(image.resize(self._size, Image.Resampling.HAMMING))
-        self._draw(ImageDraw.Draw(frame), caption, frame.height)
+        self._draw(ImageDraw.Draw(frame), caption, frame.size)
         return Frame(frame, seconds, caption)
 
-    def _draw(self, draw: ImageDraw.ImageDraw, caption: Caption, bottom: int) -> None:
-        (width, top), pad, line = self._size, self._pad, self._line
-        middle, left, actor = top + line // 2, pad, caption.actor
-        labels = [(caption.outcome.upper(), _INK, _BACKGROUND)]
+    def _draw(self, draw: ImageDraw.ImageDraw, caption: Caption, size: tuple[int, int]) -> None:
+        (_, top), pad, line, actor = self._size, self._pad, self._line, caption.actor
+        rows, left = [(caption.action, _INK), ("   ".join(caption.facts), _FAINT)], 2 * pad
+        if caption.marks:
+            draw.rectangle((0, top + 2 * line, *size), fill=REFUSED)
+            # A single reason has a line of its own.
+            several = len(caption.marks) > 1
+            texts = map("   ".join, caption.marks[:2]) if several else caption.marks[0]
+            rows += [(text, _INK) for text in texts]
         if actor is not None:
-            ink = _BACKGROUND if actor in (Actor.LEARNER, Actor.FALLBACK) else _INK
-            labels.insert(0, (actor.value.upper(), ACTORS[actor], ink))
-        for word, colour, ink in labels:
-            if word := _cut(self._bold, word, width // 3):
-                end = left + round(self._bold.getlength(word)) + 2 * pad
-                draw.rectangle((left, top + pad, end, top + line - 2), fill=colour)
-                draw.text((left + pad, middle), word, fill=ink, font=self._bold, anchor="lm")
-                left = end + pad
-        # If there is little room, the action comes before the facts.
-        action, right = _cut(self._bold, caption.action, width - pad - left), width - pad
-        draw.text((left, middle), action, fill=_INK, font=self._bold, anchor="lm")
-        room, facts = right - left - self._bold.getlength(action) - 2 * pad, caption.facts
-        while facts and self._plain.getlength("   ".join(facts)) > room:
-            facts = facts[1:]
-        text = "   ".join(facts)
-        draw.text((right, middle), text, fill=_FAINT, font=self._plain, anchor="rm")
-        if not caption.marks:
-            return
-        draw.rectangle((0, top + line, width, bottom), fill=REFUSED)
-        # A single reason has a line of its own.
-        lines = [f"{mark.what}   {mark.why}" for mark in caption.marks[:2]]
-        lines = [*caption.marks[0]] if len(lines) == 1 else lines
-        for number, text in enumerate(lines, 1):
-            shown, at = _cut(self._bold, text, width - 2 * pad), middle + number * line
-            draw.text((pad, at), shown, fill=_INK, font=self._bold, anchor="lm")
-
-
-def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
-    """Return a text, cut to the available width."""
-    if font.getlength(text) <= room:
-        return text
-    while text and font.getlength(text + "…") > room:
-        text = text[:-1]
-    return text and text + "…"
+            word, dark = actor.value.upper(), actor in (Actor.LEARNER, Actor.FALLBACK)
+            ink, end = _BACKGROUND if dark else _INK, 3 * pad + round(self._font.getlength(word))
+            draw.rectangle((pad, top + pad // 2, end, top + line - pad // 2), fill=ACTORS[actor])
+            draw.text((2 * pad, top + line // 2), word, fill=ink, font=self._font, anchor="lm")
+            left = end + pad
+        for number, (text, ink) in enumerate(rows):
+            at = (2 * pad if number else left, top + line // 2 + number * line)
+            draw.text(at, text, fill=ink, font=self._font, anchor="lm")
 
 
 def _even(length: float) -> int:
@@ -201,12 +172,7 @@ def _even(length: float) -> int:
 
 
 def write_film(
-    run: Run,
-    path: Path,
-    policy: Policy = "serp",
-    episodes: int = 3,
-    seed: int = 0,
-    on_episode: OnEpisode | None = None,
+    run: Run, path: Path, policy: Policy = "serp", episodes: int = 3, seed: int = 0
 ) -> None:
     """Play a run's policy and write a film of it, an MP4; a failure leaves no file."""
     agent = run.agent
@@ -215,7 +181,7 @@ def write_film(
         run.environment(render_mode_of(run)) as task,
         run.recorder(policy, seed) as recorder,
     ):
-        frames = film(agent, task, policy, episodes, seed, on_episode=on_episode, recorder=recorder)
+        frames = film(agent, task, policy, episodes, seed, recorder=recorder)
         write_mp4(aside, frames)
 
 

@@ -7,9 +7,8 @@ behind the best edge that reaches it. Of a large graph the best part is drawn.
 
 from __future__ import annotations
 
-import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Final
@@ -80,20 +79,15 @@ class Branch:
             yield from child.behind()
 
 
-def lay_out(
-    graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str], rows: int = MAX_ROWS
-) -> Branch:
+def lay_out(graph: nx.MultiDiGraph, weight: float, rows: int = MAX_ROWS) -> Branch:
     """Choose the edges of a planning graph to show, and place them; return the root, no edge.
 
-    `weight` is the discount per edge; `labels` are those of the edges out of the root; `rows` are
-    to be filled.
+    `weight` is the discount per edge; `rows` are to be filled.
     """
     for keep in (12, 8, 5, 4, 3, 2, 1):
         root, fits = _select(graph, weight, keep, rows)
         if fits:
             break
-    for branch in root.children:
-        branch.label = labels[branch.action] + (f" ({branch.harm})" if branch.harm else "")
     _place(root, 0.0)
     return root
 
@@ -104,41 +98,32 @@ def short(name: str) -> str:
 
 
 def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tuple[Branch, bool]:
-    """Choose edges: the best path with its siblings, then layer by layer the best others.
+    """Choose edges, layer by layer: those out of the best path, and the best others.
 
     Up to `keep` edges are shown out of a state that is not on the best path. Returns the root and
     whether all of that fitted into `most` rows.
     """
     root = Branch(0, 0, -1, -1, "", True, "", 0.0, 0.0, "fork")
-    rows, fits, forked = 1, True, set()
-
-    def unfold(branch: Branch, kept: int, most: float) -> bool:
-        nonlocal rows
-        fan = _fan(graph, branch, weight, kept)
-        if rows + len(fan) - 1 > most:
-            return False
-        branch.end, branch.children, rows = "fork", fan, rows + len(fan) - 1
-        forked.add(branch.target)
-        return True
-
-    path = [root]
-    for branch in path:
-        if graph.out_degree(branch.target):
-            unfold(branch, max(keep, 3) if branch is not root else 12, math.inf)
-            path += [child for child in branch.children if child.chosen]
-    layer = [*root.children]
+    rows, fits, forked, layer = 1, True, set[int](), [root]
     while layer:
         for branch in sorted(layer, key=lambda branch: branch.rank):
-            if branch.children or not graph.out_degree(branch.target):
+            if not graph.out_degree(branch.target):
                 continue
             if branch.target in forked:
                 branch.end = "elsewhere"
-            elif branch.harm and branch.harm != "unsafe later":
+                continue
+            if branch.harm not in ("", "unsafe later") and not branch.chosen:
                 branch.end = "collapsed"
-            elif not unfold(branch, keep, most):
+                continue
+            kept = 12 if branch is root else max(keep, 3) if branch.chosen else keep
+            fan = _fan(graph, branch, weight, kept)
+            if branch.chosen or rows + len(fan) - 1 <= most:
+                branch.end, branch.children, rows = "fork", fan, rows + len(fan) - 1
+                forked.add(branch.target)
+            else:
                 branch.end, fits = "collapsed", False
         layer = [child for branch in layer for child in branch.children]
-    return root, fits
+    return root, fits and rows <= most
 
 
 def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> list[Branch]:
@@ -151,17 +136,19 @@ def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> li
         harms = data["unsafe"], data["risky"], goal["safe_steps"] is not None
         harm = next((harm for harm, holds in zip(DASHES, harms, strict=True) if holds), "")
         about = f"{percent(data['risk'])} risk" if data["risky"] else harm
+        total = so_far + scale * weight * goal["value"]
+        worth = "" if layer else f": {readable(total)}"
         fan.append(
             Branch(
                 source=parent.target,
                 target=target,
                 layer=layer,
                 action=action,
-                label=short(data["action"]) + (f" ({about})" if about else ""),
+                label=short(data["action"]) + worth + (f" ({about})" if about else ""),
                 chosen=data["chosen"],
                 harm=harm,
                 so_far=so_far,
-                total=so_far + scale * weight * goal["value"],
+                total=total,
                 end="ended" if goal["ended"] else "leaf",
             )
         )
@@ -183,14 +170,9 @@ def _place(parent: Branch, rows: float) -> float:
 class _GraphDrawing:
     """The planning graph of a decision as SVG elements: `lines`, `width` and `height` in pixels."""
 
-    def __init__(self, plan: Plan, planner: MonitorReplanner, rows: int) -> None:
+    def __init__(self, plan: Plan, planner: MonitorReplanner) -> None:
         self._plan, self._planner = plan, planner
-        labels = {
-            k: f"{short(action.name)}: {readable(float(plan.forecast.value[k]))}"
-            for k, action in enumerate(planner.model.actions)
-            if plan.forecast.applicable[k]
-        }
-        root = lay_out(plan.graph, planner.settings.discount, labels, rows)
+        root = lay_out(plan.graph, planner.settings.discount)
         branches = [*root.behind()]
         self.edges = f"{len(branches):,} of {plan.graph.number_of_edges():,} edges are drawn"
         self._columns = [_MARGIN]
@@ -237,20 +219,20 @@ class _GraphDrawing:
         return "\n".join([f"{edge['action']}: {worth}", *filter(None, about), *changes[:24]])
 
 
-def plan_svg(plan: Plan, planner: MonitorReplanner, *, rows: int = MAX_ROWS) -> str:
+def plan_svg(plan: Plan, planner: MonitorReplanner) -> str:
     """Return the planning graph of a decision as an `svg` element for a page.
 
     Its colours are the page's CSS variables of the names in `serp._util.figures.PALETTE`, or else
     the light ones. Names of the file are escaped.
     """
-    drawing = _GraphDrawing(plan, planner, rows)
+    drawing = _GraphDrawing(plan, planner)
     lines = [f"<desc>{drawing.edges}</desc>", *drawing.lines]
     return _svg(drawing.width, drawing.height, lines, "Planning graph")
 
 
 def plan_picture(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning graph") -> bytes:
     """Return the picture of a decision as an SVG file; equal decisions give equal bytes."""
-    drawing = _GraphDrawing(plan, planner, MAX_ROWS)
+    drawing = _GraphDrawing(plan, planner)
     width, height = max(560.0, drawing.width), drawing.height + _LINE
     signs = "; ".join(f"{sign} {meaning}" for sign, meaning in _ENDS.values())
     kind = f"The number beside a first action is its {kind_of_return(plan.bound.partial)}."

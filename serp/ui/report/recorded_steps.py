@@ -26,6 +26,7 @@ class RecordedEpisode:
         vetoes: Number of proposals refused.
         no_safe_action: Number of steps without an action predicted safe.
         end: `terminated`, `truncated`, or `unfinished` where the recording ends before.
+        first: Its first row among the steps that are shown.
     """
 
     number: int
@@ -34,63 +35,40 @@ class RecordedEpisode:
     vetoes: int
     no_safe_action: int
     end: str
+    first: int = 0
 
     def __len__(self) -> int:
         return len(self.positions)
+
+    @property
+    def rows(self) -> slice:
+        """Its rows among the steps that are shown."""
+        return slice(self.first, self.first + len(self))
 
 
 @dataclass(frozen=True)
 class RecordedSteps:
     """Steps of some episodes, `[N, ...]` in the order of `episodes`, with columns of a recording.
 
-    `positions` are those in the recording; `ground` the ground actions executed, -1 where the model
-    does not know them; `no_safe` tells where no action was predicted safe.
+    `positions` are those in the recording; `no_safe` tells where no action was predicted safe.
     """
 
     episodes: tuple[RecordedEpisode, ...]
     positions: NDArray[np.int64]
     columns: dict[str, NDArray[Any]]
-    ground: NDArray[np.int64]
     vetoed: NDArray[np.bool_]
     no_safe: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.ground)
+        return len(self.positions)
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.columns[name]
 
-    @property
-    def rows(self) -> list[slice]:
-        """The rows of each episode."""
-        ends = np.cumsum([len(each) for each in self.episodes]).tolist()
-        return [slice(end - len(each), end) for each, end in zip(self.episodes, ends, strict=True)]
-
     def place_of(self, step: int) -> str:
         """Return `episode 3, step 12`."""
-        pairs = zip(self.episodes, self.rows, strict=True)
-        episode, rows = next((e, rows) for e, rows in pairs if step < rows.stop)
-        return f"episode {episode.number}, step {step - rows.start + 1}"
-
-
-def recorded_episodes(recording: Recording) -> list[RecordedEpisode]:
-    """Return all episodes of a recording, in the order in which they begin."""
-    columns = recording.columns("env_reward", *VETO_COLUMNS, "terminated", "truncated")
-    refused, unsafe = vetoed(columns), np.isin(columns["reason"], _NO_SAFE)
-    episodes = []
-    for number, steps in sorted(recording.episodes.items()):
-        ends = [name for name in ("terminated", "truncated") if columns[name][steps[-1]]]
-        episodes.append(
-            RecordedEpisode(
-                number=number,
-                positions=steps,
-                return_=float(columns["env_reward"][steps].sum()),
-                vetoes=int(refused[steps].sum()),
-                no_safe_action=int(unsafe[steps].sum()),
-                end=ends[0] if ends else "unfinished",
-            )
-        )
-    return episodes
+        episode = next(each for each in self.episodes if step < each.rows.stop)
+        return f"episode {episode.number}, step {step - episode.first + 1}"
 
 
 def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
@@ -107,13 +85,30 @@ def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
     return list({each.number: each for each in (*first, *rest)}.values())
 
 
-def chosen_steps(
-    recording: Recording, episodes: Sequence[RecordedEpisode], most: int
-) -> RecordedSteps:
+def recorded_steps(recording: Recording, most: int) -> RecordedSteps:
     """Return the steps of as many episodes as fit into a number of steps, see `by_interest`.
 
     If not even one fits, its last steps are left out.
     """
+    everything = recording.columns(
+        *VETO_COLUMNS, "state", "action", "executed_by", "proposed", "ground", "value", "path_risk",
+        "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe", "next_state",
+        "env_reward", "terminated", "truncated",
+    )  # fmt: skip
+    refused, no_safe = vetoed(everything), np.isin(everything["reason"], _NO_SAFE)
+    episodes = []
+    for number, steps in sorted(recording.episodes.items()):
+        ends = [name for name in ("terminated", "truncated") if everything[name][steps[-1]]]
+        episodes.append(
+            RecordedEpisode(
+                number=number,
+                positions=steps,
+                return_=float(everything["env_reward"][steps].sum()),
+                vetoes=int(refused[steps].sum()),
+                no_safe_action=int(no_safe[steps].sum()),
+                end=ends[0] if ends else "unfinished",
+            )
+        )
     chosen: list[RecordedEpisode] = []
     room = most
     for episode in by_interest(episodes):
@@ -124,53 +119,32 @@ def chosen_steps(
             chosen.append(episode)
             room -= len(episode)
     chosen.sort(key=lambda each: each.number)
-    everything = recording.columns(
-        "state", "action", "executed_by", "reason", "proposed", "proposed_by", "ground", "value",
-        "path_risk", "safe_steps", "reward", "flags", "indifferent", "bound", "unsafe",
-        "next_state",
-    )  # fmt: skip
+    firsts = np.cumsum([0, *map(len, chosen)]).tolist()
     rows = np.concatenate([np.zeros(0, np.int64), *(each.positions for each in chosen)])
     columns = {name: column[rows] for name, column in everything.items()}
-    executed = columns["action"][:, None]
     return RecordedSteps(
-        episodes=tuple(chosen),
+        episodes=tuple(replace(each, first=k) for each, k in zip(chosen, firsts, strict=False)),
         positions=rows,
         columns=columns,
-        ground=np.take_along_axis(columns["ground"], executed, 1)[:, 0].astype(np.int64),
-        vetoed=vetoed(columns),
-        no_safe=np.isin(columns["reason"], _NO_SAFE),
+        vetoed=refused[rows],
+        no_safe=no_safe[rows],
     )
 
 
-def curve_arrays(metrics: Metrics, recorded: Sequence[RecordedEpisode]) -> dict[str, NDArray[Any]]:
-    """Return what the page draws: the returns, their moving mean with its interval, the shares.
-
-    The metrics number episodes as they end, the recording as they begin.
-    """
-    ended = [each for each in recorded if each.end != "unfinished"]
-    ended.sort(key=lambda each: int(each.positions[-1]))
-    numbers = np.zeros(len(metrics["episode"]), np.uint32)  # 0: not recorded
-    known = min(len(ended), len(numbers))
-    numbers[:known] = [each.number for each in ended[:known]]
-    steps, returns = metrics["env_steps"], metrics["return"]
-    drawn, points = _spread(len(returns), 3_000), _spread(len(returns), 600)
+def curve_arrays(metrics: Metrics) -> dict[str, NDArray[Any]]:
+    """Return what the page draws: the returns, their moving mean with its interval, the shares."""
+    returns, count = metrics["return"], len(metrics["return"])
+    drawn = np.unique(np.linspace(0, max(0, count - 1), min(count, 2_000)).astype(np.int64))
     mean, (low, high) = moving_mean(returns), moving_interval(returns)
     at, shares = binned_shares(metrics)
     return {
-        "curveAt": steps[drawn],
+        "curveAt": metrics["env_steps"][drawn],
         "curveReturns": returns[drawn],
         "curveNumbers": metrics["episode"][drawn].astype(np.uint32),
-        "curveEpisodes": numbers[drawn],
-        "meanAt": steps[points],
-        "mean": mean[points],
-        "meanLow": low[points],
-        "meanHigh": high[points],
-        "rho": np.nan_to_num(metrics["rho"])[points],
+        "mean": mean[drawn],
+        "meanLow": low[drawn],
+        "meanHigh": high[drawn],
+        "rho": np.nan_to_num(metrics["rho"])[drawn],
         "shareAt": at,
         "shares": np.array(list(shares.values())),
     }
-
-
-def _spread(count: int, most: int) -> NDArray[np.int64]:
-    """Return evenly spread positions, the first and the last among them."""
-    return np.unique(np.linspace(0, max(0, count - 1), min(count, most)).astype(np.int64))

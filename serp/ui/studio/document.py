@@ -13,9 +13,9 @@ from serp.pddl.source import Source, newline_of
 class Document:
     """A text that is edited, and the file that it came from.
 
-    Lines end with a line feed while they are edited; the file keeps its own line ends, and its byte
-    order mark. It is saved as `target`: the file itself where that is in `folder`, or else the same
-    name, or `name`, in `folder`. `saved` is the text as it was read or last written.
+    Lines end with a line feed while they are edited; the file keeps its own line ends. It is saved
+    as `target`: the file itself where that is in `folder`, or else the same name, or `name`, in
+    `folder`. `saved` is the text as it was read or last written.
     """
 
     def __init__(self, path: Path, folder: Path, name: str | None = None) -> None:
@@ -23,18 +23,16 @@ class Document:
         self._folder = folder.resolve()
         inside = name is None and self._inside(path)
         self.target = path if inside else self._folder / (name or path.name)
-        self._newline, self._mark = "\n", b""
-        self._known: bytes | None = None  # the file at `target` as far as it is known
+        self._newline = "\n"
+        self._known: str | None = None  # the file at `target` as far as it is known
         self.text = self.saved = ""
         if path.exists():
             self.reload()
 
     def reload(self) -> None:
         """Take the text that is on the disk."""
-        path, mark = self.path, "\ufeff".encode()
-        text, content = Source.read(path).text, path.read_bytes()
-        self._known = None if self.elsewhere else content
-        self._mark = mark if content.startswith(mark) else b""
+        text = Source.read(self.path).text
+        self._known = None if self.elsewhere else text
         self._newline = newline_of(text)
         self.text = self.saved = text.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -51,27 +49,12 @@ class Document:
         """Whether the text differs from what was read or last written."""
         return self.text != self.saved
 
-    @property
-    def outdated(self) -> bool:
-        """Whether the file on the disk is not the one that was read or last written."""
-        return self._on_disk() != self._known
-
-    def _on_disk(self) -> bytes | None:
-        if not self.target.exists():
-            return None
-        if not self.target.is_file():  # reading a pipe would never end
-            raise SerpError(f"{self.target} is no regular file any more")
-        try:
-            return self.target.read_bytes()
-        except OSError as error:
-            raise SerpError(f"{self.target}: {error.strerror}") from error
-
     def save(self) -> Path:
         """Write the text to `target` atomically, and return that.
 
         A file that another program has changed is replaced the second time only.
         """
-        there = self._on_disk()
+        there = Source.read(self.target).text if self.target.exists() else None
         if there != self._known:
             self._known = there
             raise SerpError(
@@ -95,10 +78,10 @@ class Document:
             return f"The unsaved text of {self.path} is lost: {error}"
         return f"The unsaved text is kept in {aside}"
 
-    def _write(self, path: Path) -> bytes:
+    def _write(self, path: Path) -> str:
         if not self._inside(path):  # a link may have been put there
             raise SerpError(f"{path} leads out of the working folder {self._folder}")
         text = self.text.replace("\n", self._newline)
-        content = self._mark + text.encode(errors="replace")
+        content = text.encode(errors="replace")
         write_durably(path, content)
-        return content
+        return content.decode()

@@ -6,12 +6,10 @@ import base64
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator
 
 from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
-from serp.pddl.source import DomainError
-from serp.planning.replanner import MonitorReplanner
+from serp.pddl.source import DomainError, Source
 from serp.tasks.file_world import file_task
 from serp.tasks.task import BoundTask, Task
 from serp.ui.options import rolled_out
@@ -59,7 +57,9 @@ def play(
 
     Without a task it is played in the file's own world.
     """
-    domain = Domain.parse(*version.sources(), observed=task is not None and not task.closed)
+    domain = Domain.parse(
+        *(Source(*file) for file in version), observed=task is not None and not task.closed
+    )
     note = ""
     if task is not None:
         bound, note = _drawable(dataclasses.replace(task, domain=domain, problem=None))
@@ -70,11 +70,19 @@ def play(
         )
     else:
         bound = file_task(domain, dt=surroundings.dt).bind()
+    pictures, steps = task is not None and not note, list[EpisodeStep]()
     with bound:
         planner = dataclasses.replace(surroundings, dt=bound.model.dt).planner_of(bound.domain)
-        steps = tuple(_played(bound, planner, seed, pictures=task is not None and not note))
+        for state, plan, over in itertools.islice(rolled_out(bound, planner, seed), 101):
+            last = over or len(steps) == 100
+            action = "" if last else f"planner: {plan.name}"
+            picture = _picture(bound) if pictures else ""
+            values = bound.model.values(state)
+            steps.append(EpisodeStep(values, action, plan.indifferent, picture))
+            if last:
+                break
         supplied = bound.domain.supplied or frozenset()
-    return ShownEpisode(steps, f"an episode of the planner, seed {seed}", supplied, note)
+    return ShownEpisode(tuple(steps), f"an episode of the planner, seed {seed}", supplied, note)
 
 
 def _drawable(task: Task) -> tuple[BoundTask, str]:
@@ -85,19 +93,6 @@ def _drawable(task: Task) -> tuple[BoundTask, str]:
         return task.bind(render_mode="rgb_array"), ""
     except (MissingExtra, TaskError) as error:
         return task.bind(), f"There is no picture of the environment: {error}"
-
-
-def _played(
-    bound: BoundTask, planner: MonitorReplanner, seed: int, *, pictures: bool
-) -> Iterator[EpisodeStep]:
-    played = itertools.islice(rolled_out(bound, planner, seed), 101)
-    for number, (state, plan, over) in enumerate(played):
-        over = over or number == 100
-        action = "" if over else f"planner: {plan.name}"
-        picture = _picture(bound) if pictures else ""
-        yield EpisodeStep(bound.model.values(state), action, plan.indifferent, picture)
-        if over:
-            return
 
 
 def _picture(bound: BoundTask) -> str:

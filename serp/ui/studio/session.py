@@ -5,29 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from serp.authoring.lint.domain_pairs import title_of
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
-from serp.pddl.source import Place, Source
+from serp.pddl.source import Source
 from serp.runs.folder import CONFIG, RunFolder
 from serp.runs.run import read_run_metadata
 from serp.settings import Settings, resolve
-from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
+from serp.tasks.registry import find_domain_file, load_task, task_like
 from serp.tasks.task import Task
 from serp.ui.studio.document import Document
 from serp.ui.studio.episodes import ShownEpisode
-from serp.ui.studio.view import Request, ShownState, Surroundings, Version
+from serp.ui.studio.view import Surroundings, Values, Version, View, view_of
 
 DOMAIN, PROBLEM = "domain", "problem"
+_INITIAL = "the initial state of the problem"
 
 
 class Session:
     """The files that are open (`domain`, `problem`), and the state that decisions are for.
 
-    `task` is the one that the file belongs to, if any; `played` the episode that was played last,
-    and `step` that of it which is shown, from 0; `owner` counts the pages, of which the last one
-    changes the session.
+    `values` is the state, `origin` where it comes from, for people. `task` is the one that the file
+    belongs to, if any; `played` the episode that was played last, and `step` that of it which is
+    shown, from 0.
     """
 
     def __init__(
@@ -40,28 +43,23 @@ class Session:
         self.documents = {DOMAIN: domain} | ({} if problem is None else {PROBLEM: problem})
         self.surroundings = surroundings
         self.task = task
-        self.shown = ShownState(
-            {}, "all fluents 0 or false" if problem is None else "the initial state of the problem"
-        )
+        self.values: Values = {}
+        self.origin = "all fluents 0 or false" if problem is None else _INITIAL
         self.played: ShownEpisode | None = None
         self.step: int | None = None
-        self.owner = 0
         self._let_go: Callable[[], None] = lambda: None
 
-    def take_over(self, let_go: Callable[[], None]) -> int:
-        """Let go of the page that owned the session; return the number of the new owner.
+    def take_over(self, let_go: Callable[[], None]) -> None:
+        """Let go of the page that owned the session; only the last page changes it.
 
         `let_go` is called when another page takes over. Where nothing waits to be saved, the new
         page shows what other programs have written.
         """
         self._let_go()
         self._let_go = let_go
-        self.owner += 1
-        with suppress(SerpError):  # a file that cannot be read is reported when it is saved
-            if not self.changed and any(each.outdated for each in self.documents.values()):
-                for document in self.documents.values():
-                    document.reload()
-        return self.owner
+        for document in () if self.changed else self.documents.values():
+            with suppress(SerpError):  # a file that cannot be read is reported when it is saved
+                document.reload()
 
     # Editing -----------------------------------------------------------------------------------
 
@@ -69,17 +67,10 @@ class Session:
         """Replace the text of a document."""
         self.documents[which].text = text.replace("\r\n", "\n")
 
-    def document_of(self, place: Place | None) -> str | None:
-        """Return the key of the document that a place is in; None for none."""
-        name = None if place is None else place.source.name
-        documents = self.documents.items()
-        return next((which for which, document in documents if str(document.path) == name), None)
-
     @property
     def version(self) -> Version:
         """The texts as they are edited."""
-        domain, *problem = ((str(each.path), each.text) for each in self.documents.values())
-        return Version(domain, problem[0] if problem else None)
+        return tuple((str(each.path), each.text) for each in self.documents.values())
 
     @property
     def changed(self) -> bool:
@@ -92,45 +83,36 @@ class Session:
         Domain and problem move into the working folder together: commands look for the problem
         beside the domain.
         """
-        domain, problem = self.documents[DOMAIN], self.documents.get(PROBLEM)
-        beside = problem_beside(domain.path).resolve()
-        moving = domain.changed or (
-            problem is not None and (problem.changed or problem.path.resolve() != beside)
-        )
-        return [
-            document.save()
-            for document in self.documents.values()
-            if document.changed or (moving and document.elsewhere)
-        ]
+        documents = self.documents.values() if self.changed else ()
+        return [each.save() for each in documents if each.changed or each.elsewhere]
 
     # The state ---------------------------------------------------------------------------------
 
-    def request(self) -> Request:
-        """Return what the view of this moment is asked of."""
-        seen = {} if self.played is None else self.played.ranges()
-        return Request(self.version, self.surroundings, self.shown, seen, self.task)
+    def asked(self) -> Callable[[], View]:
+        """Return what makes the view of this moment; what is edited meanwhile does not change it.
 
-    def set_fluent(self, name: str, value: float | bool) -> None:
-        """Change one fluent of the state."""
-        self.shown = ShownState({**self.shown.values, name: value}, self.shown.origin)
+        It may run in a thread.
+        """
+        seen = {} if self.played is None else self.played.ranges()
+        return partial(view_of, self.version, self.surroundings, self.values, seen, self.task)
 
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.shown, self.step = ShownState({}, "the initial state of the problem"), None
+        self.values, self.origin, self.step = {}, _INITIAL, None
 
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
         steps = self.played.steps
-        origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
-        self.shown, self.step = ShownState(steps[number].values, origin), number
+        self.values, self.step = steps[number].values, number
+        self.origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
 
     @property
     def as_played(self) -> bool:
         """Whether the state is that of the step, with no fluent changed by hand."""
         if self.played is None or self.step is None:
             return False
-        return dict(self.shown.values) == self.played.steps[self.step].values
+        return self.values == self.played.steps[self.step].values
 
     def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""
@@ -153,51 +135,36 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     `name` is the file, an installed task, or the folder of a run, whose copies are saved elsewhere;
     `folder` the working folder; `own` the task of `--task`.
     """
+    title, task, surroundings = None, own, Surroundings(planner=Settings().planner)
     if (Path(name) / CONFIG).is_file():
         run = RunFolder.open(Path(name))
-        made, (copy, other) = read_run_metadata(run), run.copies()
-        title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
-        return Session(
-            Document(copy, folder, f"{title}.pddl"),
-            None if other is None else Document(other, folder, f"{title}-problem.pddl"),
-            Surroundings(
-                made.control_period, made.settings.planner, observed, frozenset(made.observed or ())
-            ),
-            own or (load_task(made.task) if made.world is None else None),
-        )
-    file, task, problem = find_domain_file(name), own, None
-    if file is None:
-        task = own or load_task(name)
-        domain, problem = task.domain, task.problem
-        file = Path(domain.source.name if isinstance(domain, Domain) else domain)
-    if file.is_dir():
-        raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
-    if not file.is_file():
-        raise SerpError(f"{file}: there is no such file")
-    documents = _documents(file, problem_beside(file) if problem is None else Path(problem), folder)
-    task = task or _task_of(file)
-    surroundings = Surroundings(planner=Settings().planner)
-    if task is not None:
-        planner = resolve("default", task.settings).planner
-        surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
-    return Session(*documents, surroundings, task)
-
-
-def _documents(file: Path, problem: Path, folder: Path) -> tuple[Document, Document | None]:
-    """Return a domain and its problem; what comes from outside of the folder is saved beside."""
-    domain = Document(file, folder)
-    if not problem.is_file():
-        return domain, None
-    opened = Document(problem, folder)
-    if opened.elsewhere:
-        opened = Document(problem, folder, str(problem_beside(domain.target).absolute()))
-    return domain, opened
-
-
-def _task_of(file: Path) -> Task | None:
-    """Return the installed task of a file, which may be wrong; None where there is none."""
-    try:
-        domain = Domain.parse(Source.read(file))
-    except SerpError:
-        return load_task(file.stem) if file.stem in task_entries() else None
-    return task_of(domain, file)
+        made, (file, problem) = read_run_metadata(run), run.copies()
+        title = f"{Domain.parse(Source.read(file)).name}.pddl"
+        seen, period, planner = made.observed, made.control_period, made.settings.planner
+        surroundings = Surroundings(period, planner, seen is not None, frozenset(seen or ()))
+        task = task or (load_task(made.task) if made.world is None else None)
+    else:
+        found, problem = find_domain_file(name), None
+        if found is None:
+            task = own or load_task(name)
+            domain, given = task.domain, task.problem
+            found = Path(domain.source.name if isinstance(domain, Domain) else domain)
+            problem = None if given is None else Path(given)
+        file = found
+        if file.is_dir():
+            raise SerpError(f"{file} is a folder; give a domain file, such as the one in a run")
+        if not file.is_file():
+            raise SerpError(f"{file}: there is no such file")
+        problem = problem or problem_beside(file)
+        # The file may be wrong, so that only its title can be read.
+        known = task_like(title_of(Source.read(file)).domain, file.stem)
+        task = task or (None if known is None else load_task(known))
+        if task is not None:
+            planner = resolve("default", task.settings).planner
+            surroundings = Surroundings(float(task.dt), planner, observed=not task.closed)
+    opened, other = Document(file, folder, title), None
+    if problem is not None and problem.is_file():
+        other = Document(problem, folder)
+        if title is not None or other.elsewhere:  # it is saved beside the domain
+            other = Document(problem, folder, str(problem_beside(opened.target).absolute()))
+    return Session(opened, other, surroundings, task)

@@ -7,7 +7,6 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,17 +27,10 @@ from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]
 """Fluent → the least and greatest value that was observed."""
-
-
-class Version(NamedTuple):
-    """Name of the file and text of a domain, and of its problem."""
-
-    domain: tuple[str, str]
-    problem: tuple[str, str] | None
-
-    def sources(self) -> tuple[Source, Source | None]:
-        """Return the domain and the problem as sources."""
-        return Source(*self.domain), None if self.problem is None else Source(*self.problem)
+Values = Mapping[str, float | bool]
+"""Fluent → value, of some or all fluents: a state by name outlives edits of the file."""
+Version = tuple[tuple[str, str], ...]
+"""Name of the file and text of a domain, and of its problem if there is one."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +57,8 @@ def read(
     version: Version, surroundings: Surroundings
 ) -> tuple[tuple[Finding, ...], MonitorReplanner | None]:
     """Return what is wrong in a version, and its planner; None where an error leaves no model."""
-    examined = examine(*version.sources())
-    findings = tuple(examined.findings)
-    domain = examined.domain
+    examined = examine(*(Source(*file) for file in version))
+    findings, domain = tuple(examined.findings), examined.domain
     if domain is None:
         return findings, None
     if surroundings.observed:
@@ -80,27 +71,15 @@ def read(
     return findings, surroundings.planner_of(domain)
 
 
-@dataclass(frozen=True)
-class ShownState:
-    """A state by name, so that it outlives edits of the file.
-
-    Attributes:
-        values: Fluent → value, of some or all fluents.
-        origin: Where they come from, for people.
-    """
-
-    values: Mapping[str, float | bool] = field(default_factory=dict)
-    origin: str = ""
-
-    def state(self, model: TransitionModel) -> Vector:
-        """Return the state `[F]` of a model; what has no value here is initial, or else 0."""
-        initial = model.initial_state
-        state = np.zeros(len(model.fluents)) if initial is None else np.array(initial)
-        for fluent in model.fluents:
-            value = float(self.values.get(fluent.name, math.nan))
-            if math.isfinite(value):
-                state[fluent.index] = value if fluent.numeric else float(value != 0.0)
-        return state
+def state_of(model: TransitionModel, values: Values) -> Vector:
+    """Return a state `[F]`; what has no value here is initial, or else 0."""
+    initial = model.initial_state
+    state = np.zeros(len(model.fluents)) if initial is None else np.array(initial)
+    for fluent in model.fluents:
+        value = float(values.get(fluent.name, math.nan))
+        if math.isfinite(value):
+            state[fluent.index] = value if fluent.numeric else float(value != 0.0)
+    return state
 
 
 @dataclass(frozen=True)
@@ -134,15 +113,13 @@ def controls(model: TransitionModel, state: Vector, seen: Ranges) -> list[Contro
 
 def _slider(known: Sequence[float], seen: Sequence[float]) -> tuple[float, float, float]:
     """Return low, high and step."""
-    margin = 0.25  # beyond the known numbers, as a share of their range
     numbers = (*known, *seen)
     low, high = min(numbers), max(numbers)
     if seen and high - low >= 2 and all(number.is_integer() for number in numbers):
         return low, high, 1.0
-    width = high - low or 1.0
-    step = float(f"{width / 200:.0e}")
-    low -= margin * width if low < 0 else 0.0
-    high += margin * width if high > low else 1.0
+    width = high - low or 4.0
+    step, margin = float(f"{width / 200:.0e}"), width / 4  # beyond the known numbers
+    low, high = low - (margin if low < 0 else 0.0), high + margin
     low, high = (float(f"{round(limit / step) * step:.12g}") for limit in (low, high))
     return low, high, step
 
@@ -155,52 +132,45 @@ class ShownDecision:
     shown: list[Alternative]
     verdict: str
     graph: str
-    controls: tuple[Control, ...]
+    controls: list[Control]
 
 
 @dataclass(frozen=True)
 class View:
-    """What is shown at a time: findings, a decision, the state as the task draws it, an SVG.
+    """What is shown of a version: findings, a decision, the state as the task draws it, an SVG.
 
     `failure` says why there is no decision though the files are right; else it is empty.
     """
 
+    version: Version
     findings: tuple[Finding, ...]
     failure: str = ""
     decision: ShownDecision | None = None
     drawing: str = ""
 
 
-@dataclass(frozen=True)
-class Request:
-    """What is shown is asked of this; whatever is edited meanwhile does not change it.
+def view_of(
+    version: Version, surroundings: Surroundings, values: Values, seen: Ranges, task: Task | None
+) -> View:
+    """Read a version and decide in a state; this may run in a thread.
 
     `seen` has the ranges of the fluents; `task` is None for a file alone.
     """
-
-    version: Version
-    surroundings: Surroundings
-    shown: ShownState
-    seen: Ranges
-    task: Task | None
-
-    def view(self) -> View:
-        """Read the version and decide in the state; this may run in a thread."""
-        findings: tuple[Finding, ...] = ()
-        try:
-            findings, planner = read(self.version, self.surroundings)
-            if planner is None:
-                return View(findings)
-            state = self.shown.state(planner.model)
-            decision = decide(planner, state, self.seen)
-        except SerpError as error:
-            return View(findings, str(error))
-        drawing = ""
-        if self.task is not None and self.task.draw is not None:
-            # The task's own code, on values that no environment may ever give.
-            with contextlib.suppress(Exception):
-                drawing = str(self.task.draw(planner.model.values(state)))
-        return View(findings, "", decision, drawing)
+    findings: tuple[Finding, ...] = ()
+    try:
+        findings, planner = read(version, surroundings)
+        if planner is None:
+            return View(version, findings)
+        state = state_of(planner.model, values)
+        decision = decide(planner, state, seen)
+    except SerpError as error:
+        return View(version, findings, str(error))
+    drawing = ""
+    if task is not None and task.draw is not None:
+        # The task's own code, on values that no environment may ever give.
+        with contextlib.suppress(Exception):
+            drawing = str(task.draw(planner.model.values(state)))
+    return View(version, findings, "", decision, drawing)
 
 
 def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecision:
@@ -211,7 +181,7 @@ def decide(planner: MonitorReplanner, state: Vector, seen: Ranges) -> ShownDecis
     shown = best_of(account, 60)
     for each in shown:
         each.as_dict()  # traced now, in this thread
-    settable = tuple(controls(model, state, seen))
+    settable = controls(model, state, seen)
     return ShownDecision(account, shown, _verdict(plan, account), plan_svg(plan, planner), settable)
 
 

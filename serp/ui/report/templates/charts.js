@@ -48,7 +48,7 @@ function area(xs, low, high, x, y) {
 }
 
 function drawCurve(box) {
-  const c = curves;
+  const c = arrays;
   const seen = Array.from(c.curveReturns).sort((a, b) => a - b);
   const bounds = [seen[Math.floor(0.01 * seen.length)], seen[Math.floor(0.99 * (seen.length - 1))],
     ...c.mean];
@@ -60,19 +60,20 @@ function drawCurve(box) {
   const add = (tag, attributes) => plot.appendChild(element(`svg:${tag}`, attributes));
   const dots = Array.from(c.curveAt, (v, k) => `M${x(v).toFixed(1)} ${y(c.curveReturns[k]).toFixed(1)}h0`);
   add("path", { class: "dots", d: dots.join("") });
-  add("path", { class: "mean-band", d: area(c.meanAt, c.meanLow, c.meanHigh, x, y) });
-  add("path", { class: "mean-line", d: line(c.meanAt, c.mean, x, y) });
+  add("path", { class: "mean-band", d: area(c.curveAt, c.meanLow, c.meanHigh, x, y) });
+  add("path", { class: "mean-line", d: line(c.curveAt, c.mean, x, y) });
   const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });
   svg.addEventListener("pointermove", (event) => {
     const k = nearest(event);
     say(byId("curve-says"), `Episode ${readable(c.curveNumbers[k])}: return ${readable(c.curveReturns[k])}, `
-      + `mean ${readable(c.mean[nearestOf(c.meanAt, c.curveAt[k])])}`);
+      + `mean ${readable(c.mean[k])}`);
     mark.setAttribute("x1", x(c.curveAt[k]));
     mark.setAttribute("x2", x(c.curveAt[k]));
   });
   svg.addEventListener("click", (event) => {
-    const number = c.curveEpisodes[nearest(event)];
-    if (number && total()) jump(numbered(number).first);
+    if (!meta.training || !total()) return; // the steps are not those of the curve
+    const step = nearestOf(arrays.position, c.curveAt[nearest(event)] - 1);
+    jump(episodeAt(step).first);
   });
   const nearest = (event) => {
     const at = event.clientX - svg.getBoundingClientRect().left;
@@ -80,17 +81,12 @@ function drawCurve(box) {
   };
 }
 
-function nearestOf(sorted, value) {
-  let low = 0, high = sorted.length - 1;
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (sorted[middle] < value) low = middle + 1; else high = middle;
-  }
-  return low > 0 && value - sorted[low - 1] < sorted[low] - value ? low - 1 : low;
-}
+/** The position of the number that is nearest to a value. */
+const nearestOf = (numbers, value) => numbers.reduce((best, number, k) =>
+  Math.abs(number - value) < Math.abs(numbers[best] - value) ? k : best, 0);
 
 function drawShares(box) {
-  const c = curves, count = c.shareAt.length;
+  const c = arrays, count = c.shareAt.length;
   const { plot, x, y } = axes(
     box, 170, [0, meta.envSteps], [0, 1], "environment steps", "share of the decisions", true);
   let under = new Float32Array(count);
@@ -100,5 +96,5 @@ function drawShares(box) {
       class: `fill-${actor}`, d: area(c.shareAt, under, over, x, y) }));
     under = over;
   });
-  plot.appendChild(element("svg:path", { class: "rho", d: line(c.meanAt, c.rho, x, y) }));
+  plot.appendChild(element("svg:path", { class: "rho", d: line(c.curveAt, c.rho, x, y) }));
 }

@@ -1,7 +1,7 @@
 // The data of the report: JSON, and arrays that are packed as gzip in base64.
 "use strict";
 
-let meta, curves;
+let meta;
 const byId = (id) => document.getElementById(id);
 
 async function unpacked(base64) {
@@ -12,18 +12,14 @@ async function unpacked(base64) {
 
 const KINDS = { u1: Uint8Array, u2: Uint16Array, u4: Uint32Array, f4: Float32Array };
 
-/** Return name → typed array. Of each array the first bytes of all numbers come first, then the
- *  second bytes, and so on, which packs better; little-endian. */
+/** Return name → typed array. */
 function arraysOf(bytes, layout) {
   const arrays = {};
   let at = 0;
   for (const [name, kind, count] of layout) {
-    const size = KINDS[kind].BYTES_PER_ELEMENT;
-    const whole = new Uint8Array(count * size);
-    for (let b = 0; b < size; b++) {
-      for (let k = 0, to = b; k < count; k++, to += size) whole[to] = bytes[at++];
-    }
-    arrays[name] = new KINDS[kind](whole.buffer);
+    const end = at + count * KINDS[kind].BYTES_PER_ELEMENT;
+    arrays[name] = new KINDS[kind](bytes.slice(at, end).buffer);
+    at = end;
   }
   return arrays;
 }

@@ -2,19 +2,9 @@
 
 const on = (id, what, call) => byId(id).addEventListener(what, call);
 
-function connectPage() {
-  on("ask", "click", () => byId("help").showModal());
-  on("theme", "click", () => {
-    const dark = getComputedStyle(document.documentElement).colorScheme === "dark"
-      || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
-    document.documentElement.dataset.theme = dark ? "light" : "dark";
-    if (total()) redraw();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => total() && redraw());
-}
-
 function connectSteps() {
   document.addEventListener("keydown", onKey);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   on("play", "click", () => play());
   on("back", "click", () => move(-1));
   on("forward", "click", () => move(1));
@@ -36,15 +26,11 @@ function connectSteps() {
   for (const row of alternatives.rows) row.tabIndex = 0;
   alternatives.body.addEventListener("click", choose);
   alternatives.body.addEventListener("keydown", choose);
-  for (const button of document.querySelectorAll("button[data-step]")) {
-    button.addEventListener("click", () => jump(Number(button.dataset.step)));
-  }
-  for (const button of document.querySelectorAll("button[data-card]")) {
-    button.addEventListener("click", () => filterBy(button));
-  }
-  for (const button of document.querySelectorAll("button[data-line]")) {
-    button.addEventListener("click", () => { jump(now); toLine(button.dataset.line); });
-  }
+  const buttons = (data, call) => document.querySelectorAll(`button[data-${data}]`).forEach(
+    (button) => button.addEventListener("click", () => call(button)));
+  buttons("step", (button) => jump(Number(button.dataset.step)));
+  buttons("card", filterBy);
+  buttons("line", (button) => { jump(now); toLine(button.dataset.line); });
 }
 
 function fit() {
@@ -56,10 +42,8 @@ function fit() {
 
 meta = JSON.parse(byId("meta").textContent);
 meta.episodes.forEach((episode, index) => { episode.index = index; });
-connectPage();
 const packed = await unpacked(byId("arrays").textContent);
-const arrays = arraysOf(packed, meta.layout);
-[curves, steps] = [arrays, arrays];
+arrays = arraysOf(packed, meta.layout);
 sentences = new TextDecoder().decode(arrays.sentences).split("\n");
 if (total()) {
   const pick = (step) => { play(false); show(step); };
@@ -68,9 +52,7 @@ if (total()) {
     meta.fluents.length, fillFluent);
   alternatives = new RowTable(byId("alternatives"), ["name", "n", "n", "n", "n", "remark"], 27,
     meta.actions.length, fillAlternative);
-  if (arrays.pictureAt.length > 1) {
-    scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
-  }
+  if (arrays.pictureAt.length > 1) scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
   byId("after").parentElement.hidden = !scene;
   now = Math.min(meta.start, total() - 1);
   connectSteps();

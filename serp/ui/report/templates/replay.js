@@ -1,23 +1,16 @@
 // The recorded steps: one of them is shown, with the scene, the state, the decision and the file.
 
-const [VETOED, UNSAFE, NO_SAFE, LARGE_ERROR] = [1, 2, 4, 8];
+const [VETOED, NO_SAFE, UNSAFE, LARGE_ERROR] = [1, 2, 4, 8]; // as `kinds` in report.py
 const [APPLICABLE, IS_UNSAFE, TERMINAL, UNDEFINED, RISKY, UNMODELLED] = [1, 2, 4, 8, 16, 128];
 const NONE = 0xffff, SAFE = 0xfffe;
 
-let steps, sentences, scene = null, fluents, alternatives, run, inEpisode;
+let arrays, sentences, scene = null, fluents, alternatives, run, inEpisode;
 let now = -1, chosen = -1, shownEpisode = null, queued = false, playing = null;
 let hits = null, hitList = null, extra = null, after = false, colors = null;
 
 const total = () => meta.steps;
 
-function episodeAt(step) {
-  let low = 0, high = meta.episodes.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (meta.episodes[middle].first <= step) low = middle; else high = middle - 1;
-  }
-  return meta.episodes[low];
-}
+const episodeAt = (step) => meta.episodes.findLast((episode) => episode.first <= step);
 
 /** Go to a step; what it shows is written once a frame, however many come. */
 function show(step) {
@@ -35,22 +28,22 @@ function paint() {
   const episode = episodeAt(now), k = now - episode.first;
   if (episode !== shownEpisode) enter(episode);
   if (chosen < 0) {
-    const refused = steps.bits[now] & VETOED && steps.proposed[now] !== NONE;
-    chosen = refused ? steps.proposed[now] : steps.executed[now];
+    const refused = arrays.bits[now] & VETOED && arrays.proposed[now] !== NONE;
+    chosen = refused ? arrays.proposed[now] : arrays.executed[now];
   }
   const time = (k * meta.dt).toFixed(meta.dt < 0.1 ? 2 : 1);
   say(byId("where"), `Step ${k + 1} of ${episode.steps} · ${time} s · step ${readable(
-    steps.position[now])} of the run`);
+    arrays.position[now])} of the run`);
   run.place(now, `episode ${episode.number}, step ${k + 1}`);
   inEpisode.place(now, `step ${k + 1} of ${episode.steps}`);
   paintScene(episode, k);
   fluents.paint();
   alternatives.paint();
-  say(byId("decision"), sentences[steps.sentence[now]]);
-  const actor = meta.actors[steps.executedBy[now]];
+  say(byId("decision"), sentences[arrays.sentence[now]]);
+  const actor = meta.actors[arrays.executedBy[now]];
   byId("actor").className = `actor back-${actor}`;
   say(byId("actor"), actor);
-  say(byId("executed"), meta.actions[steps.executed[now]]);
+  say(byId("executed"), meta.actions[arrays.executed[now]]);
   paintCauses();
   const at = hitList && nearestOf(hitList, now);
   say(byId("hit-count"), hitList === null ? "" : hits[now]
@@ -77,12 +70,9 @@ const lastOf = (episode) => episode.first + episode.steps - 1;
 
 /** The value of a fluent that was observed after a step. */
 function observed(f, step, episode) {
-  if (step < lastOf(episode)) return steps.state[f * total() + step + 1];
-  return steps.last[f * meta.episodes.length + episode.index];
+  if (step < lastOf(episode)) return arrays.state[f * total() + step + 1];
+  return arrays.last[f * meta.episodes.length + episode.index];
 }
-
-/** The error of a prediction, in units of what the fluent usually changes by. */
-const errorOf = (f, step) => steps.errors[f * total() + step];
 
 const isWrong = (f, error) => error >= (meta.fluents[f].numeric ? meta.largeError : 1);
 
@@ -90,8 +80,8 @@ const valueOf = (f, v) => meta.fluents[f].numeric || Number.isNaN(v) ? compact(v
   : v > 0.5 ? "true" : "false";
 
 function fillFluent(cells, row, f) {
-  const before = steps.state[f * total() + now], predicted = steps.predicted[f * total() + now];
-  const next = observed(f, now, shownEpisode), error = errorOf(f, now);
+  const before = arrays.state[f * total() + now], predicted = arrays.predicted[f * total() + now];
+  const next = observed(f, now, shownEpisode), error = arrays.errors[f * total() + now];
   say(cells[0], meta.fluents[f].name);
   cells[0].title = meta.fluents[f].name; // where the column is too narrow
   say(cells[1], valueOf(f, before));
@@ -104,7 +94,7 @@ function fillFluent(cells, row, f) {
 }
 
 function fillAlternative(cells, row, a) {
-  const at = a * total() + now, flags = steps.flags[at], safe = steps.safe[at];
+  const at = a * total() + now, flags = arrays.flags[at], safe = arrays.safe[at];
   const remarks = [];
   if (flags & IS_UNSAFE) remarks.push("unsafe");
   if (flags & RISKY) remarks.push("too risky");
@@ -115,13 +105,14 @@ function fillAlternative(cells, row, a) {
   const applicable = flags & APPLICABLE;
   say(cells[0], meta.actions[a]);
   cells[0].title = meta.actions[a];
-  say(cells[1], applicable ? compact(steps.value[at]) : "–");
-  say(cells[2], applicable ? compact(steps.reward[at]) : "–");
-  say(cells[3], applicable ? percent(steps.risk[at]) : "–");
+  say(cells[1], applicable ? compact(arrays.value[at]) : "–");
+  say(cells[2], applicable ? compact(arrays.reward[at]) : "–");
+  say(cells[3], applicable ? percent(arrays.risk[at]) : "–");
   say(cells[4], safe === SAFE ? "all" : safe === NONE ? "–" : readable(safe));
   say(cells[5], remarks.join(", "));
-  const executed = a === steps.executed[now], proposed = a === steps.proposed[now];
-  const refused = proposed && steps.bits[now] & VETOED && !executed;
+  cells[5].title = remarks.join(", ");
+  const executed = a === arrays.executed[now], proposed = a === arrays.proposed[now];
+  const refused = proposed && arrays.bits[now] & VETOED && !executed;
   const state = `${executed ? "taken " : ""}${refused ? "refused " : ""}${
     a === chosen ? "chosen" : ""}`;
   if (row.className !== state) row.className = state;
@@ -130,25 +121,25 @@ function fillAlternative(cells, row, a) {
 
 function paintCauses() {
   const list = byId("causes"), found = [];
-  for (let k = steps.causeAt[now]; k < steps.causeAt[now + 1]; k++) {
-    if (steps.causeAction[k] === chosen) found.push(k);
+  for (let k = arrays.causeAt[now]; k < arrays.causeAt[now + 1]; k++) {
+    if (arrays.causeAction[k] === chosen) found.push(k);
   }
-  const key = found.map((k) => `${steps.cause[k]}:${steps.amount[k]}`).join() + `@${chosen}`;
+  const key = found.map((k) => `${arrays.cause[k]}:${arrays.amount[k]}`).join() + `@${chosen}`;
   if (list.dataset.key === key) return;
   list.dataset.key = key;
   say(byId("causes-of"), `What the file says of ${meta.actions[chosen]}, one step ahead`);
   list.replaceChildren(...found.map(causeItem));
-  const explained = chosen === steps.executed[now] || chosen === steps.proposed[now];
+  const explained = chosen === arrays.executed[now] || chosen === arrays.proposed[now];
   if (!found.length) list.append(element("li", { class: "quiet" }, explained
     ? "No reward, end or flag." : "Explained are the executed and the refused action; "
-      + `serp why --step ${steps.position[now]} explains all.`));
-  const lines = new Set(found.map((k) => meta.causes[steps.cause[k]].line));
+      + `serp why --step ${arrays.position[now]} explains all.`));
+  const lines = new Set(found.map((k) => meta.causes[arrays.cause[k]].line));
   for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
   for (const id of lines) if (id) byId(id).classList.add("used");
 }
 
 function causeItem(k) {
-  const cause = meta.causes[steps.cause[k]], amount = steps.amount[k];
+  const cause = meta.causes[arrays.cause[k]], amount = arrays.amount[k];
   const item = element("li", { class: `cause ${cause.kind}` });
   const what = cause.kind === "reward" ? `${amount > 0 ? "+" : ""}${readable(amount)}`
     : cause.kind === "risk" ? `${percent(amount)} risk` : cause.label;
@@ -181,10 +172,9 @@ const numbered = (number) =>
 /** Go to a step from elsewhere on the page. */
 function jump(step) {
   show(step);
-  byId("steps").scrollIntoView({ behavior: calm() ? "auto" : "smooth" });
+  const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+  byId("steps").scrollIntoView({ behavior: calm ? "auto" : "smooth" });
 }
-
-const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 // Filters ------------------------------------------------------------------------------------
 
@@ -200,8 +190,8 @@ function refilter() {
   else {
     hits = new Uint8Array(total());
     for (let i = 0; i < total(); i++) {
-      hits[i] = (!kinds || steps.bits[i] & kinds) && (!actors || actors >> steps.executedBy[i] & 1)
-        && (!extra || steps.card[i] === extra.card) ? 1 : 0;
+      hits[i] = (!kinds || arrays.bits[i] & kinds) && (!actors || actors >> arrays.executedBy[i] & 1)
+        && (!extra || arrays.card[i] === extra.card) ? 1 : 0;
     }
     hitList = Uint32Array.from(hits.keys()).filter((i) => hits[i]);
   }
@@ -284,17 +274,16 @@ const KEYS = {
   "n": () => toHit(1),
   "p": () => toHit(-1),
   "a": () => byId("after").click(),
-  "?": () => byId("help").showModal(),
 };
 
 function onKey(event) {
   const target = event.target, name = (event.shiftKey && event.key.length > 1 ? "Shift+" : "") + event.key;
-  if (event.ctrlKey || event.metaKey || event.altKey || byId("help").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
   if (target.matches("select, input[type=number]")) return;
   if (event.key === " " && target.matches("button, input, a")) return;
   const { top, bottom } = byId("steps").getBoundingClientRect();
   const seen = top < 0.7 * innerHeight && bottom > 0.2 * innerHeight;
-  if (!KEYS[name] || (!seen && name !== "?")) return;
+  if (!KEYS[name] || !seen) return;
   event.preventDefault();
   KEYS[name]();
 }

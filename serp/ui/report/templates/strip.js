@@ -40,10 +40,10 @@ class Strip {
       let unsafe = 0, vetoed = 0, hit = 0, error = 0;
       counts.fill(0);
       for (let i = from; i < to; i++) {
-        counts[steps.executedBy[i]] += 1;
-        vetoed += (steps.bits[i] & VETOED) > 0;
-        unsafe += (steps.bits[i] & (UNSAFE | NO_SAFE)) > 0;
-        error += (steps.bits[i] & LARGE_ERROR) > 0;
+        counts[arrays.executedBy[i]] += 1;
+        vetoed += (arrays.bits[i] & VETOED) > 0;
+        unsafe += (arrays.bits[i] & (UNSAFE | NO_SAFE)) > 0;
+        error += (arrays.bits[i] & LARGE_ERROR) > 0;
         hit |= hits === null || hits[i];
       }
       const fill = (color, y, tall) => {

@@ -1,4 +1,4 @@
-"""The editor: the domain and its problem, and saving.
+"""The editor: the domain and its problem, saving, and what is wrong.
 
 The text is what the browser shows; what is typed comes from there as changes of it. Nothing here
 sets the text of an editor, nor any of its properties: with them NiceGUI sends the text that it
@@ -10,17 +10,17 @@ from __future__ import annotations
 import asyncio
 import functools
 from collections import Counter
-from html import escape
 from typing import Any, Final
 
 from nicegui import ui
 
+from serp._util.templates import render
 from serp._util.text import plural
 from serp.authoring.lint.findings import Finding
 from serp.errors import SerpError
-from serp.ui.studio.pages.live import Live
+from serp.ui.studio.pages.live import Live, follow_places
 from serp.ui.studio.session import DOMAIN, Session
-from serp.ui.studio.view import Request, Version, View
+from serp.ui.studio.view import Version, View
 
 _REVEAL: Final = """((id, number, column) => {
   const editor = getElement(id).editor, doc = editor.state.doc;
@@ -32,14 +32,17 @@ _REVEAL: Final = """((id, number, column) => {
 
 
 class EditorPane:
-    """Editors in tabs."""
+    """Editors in tabs, and the list of findings; each can be gone to."""
 
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
         self._editors: dict[str, ui.codemirror] = {}
+        self._findings: tuple[Finding, ...] = ()
+        self._underlined: dict[str, list[tuple[str, int]]] = {}
         documents = session.documents
         with ui.element("section").classes("serp-files"):
-            with ui.tabs().props("dense no-caps align=left").classes("serp-tabs") as self._tabs:
+            self._tabs = ui.tabs().props("dense no-caps align=left breakpoint=0")
+            with self._tabs.classes("serp-tabs"):
                 for which, document in documents.items():
                     ui.tab(which, label=document.path.name)
             self._tabs.set_value(DOMAIN)
@@ -54,6 +57,10 @@ class EditorPane:
                         keymap={"Mod-s": lambda: self.save()},
                     ).classes("serp-code")
                 panel.bind_visibility_from(self._tabs, "value", value=which)
+        self._summary = ui.label().classes("serp-summary").props('role="status"')
+        self._list = ui.html(tag="ul").classes("serp-findings")
+        follow_places(self._list, self.jump)
+        live.shows(self.show)
 
     def dark(self, dark: bool) -> None:
         """Show the text light on dark, or dark on light."""
@@ -64,22 +71,14 @@ class EditorPane:
         self._session.edit(which, event.value or "")
         self._live.changed()
 
-    def underline(self, which: str, marks: list[dict[str, Any]]) -> None:
-        """Underline places of a document."""
-        self._editors[which].run_method("setDecorations", marks)
-
-    def reveal(self, which: str, line: int, column: int = 1) -> None:
-        """Put the cursor at a line and column of a document, both from 1, and show it."""
-        editor = self._editors[which]
-        self._tabs.set_value(which)
-        editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
-        editor.reveal_line(line)
-
     def jump(self, file: str, line: int, column: int) -> None:
-        """Show a line and column of a file, if it is open."""
+        """Put the cursor at a line and column, both from 1, of a file that is open."""
         for which, document in self._session.documents.items():
             if str(document.path) == file and line > 0:
-                self.reveal(which, line, column)
+                editor = self._editors[which]
+                self._tabs.set_value(which)
+                editor.client.run_javascript(f"{_REVEAL}({editor.id}, {line}, {column})")
+                editor.reveal_line(line)
 
     # Saving ------------------------------------------------------------------------------------
 
@@ -94,36 +93,18 @@ class EditorPane:
             ui.notify(f"Saved {names}" if saved else "Nothing to save", position="bottom-left")
         self._live.changed()
 
+    # Findings ----------------------------------------------------------------------------------
 
-class FindingsPane:
-    """The list of findings; each can be gone to."""
-
-    def __init__(self, session: Session, live: Live, editor: EditorPane) -> None:
-        clicked = (
-            "(e) => { const b = e.target.closest('[data-finding]'); "
-            "if (b) emit(b.dataset.finding) }"
-        )
-        self._session, self._editor = session, editor
-        self._findings: tuple[Finding, ...] = ()
-        self._listed: list[str] | None = None
-        self._underlined: dict[str, list[tuple[str, int]]] = {}
-        self._summary = ui.label().classes("serp-summary").props('role="status"')
-        self._list = ui.html(tag="ul").classes("serp-findings")
-        self._list.on("click", self._clicked, js_handler=clicked)
-        live.shows(self.show)
-
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show what is wrong, in the text and in the list."""
         self._findings = view.findings
-        asyncio.get_running_loop().call_later(0.3, self._underline, request.version)
-        listed = [finding.rendered for finding in view.findings] + [view.failure]
-        if listed == self._listed:
-            return
-        self._listed = listed
+        asyncio.get_running_loop().call_later(0.3, self._underline, view.version)
         counted = Counter(sorted(finding.severity for finding in view.findings))
         counts = ", ".join(plural(count, kind) for kind, count in counted.items())
         self._summary.set_text(view.failure or counts or "Nothing is wrong here.")
-        self._list.set_content("".join(map(self._item, range(200), view.findings)))
+        names = {str(each.path): each.path.name for each in self._session.documents.values()}
+        template = ("serp.ui.studio.pages", "findings.html.j2")
+        self._list.set_content(render(*template, findings=view.findings[:200], names=names))
 
     def _underline(self, version: Version) -> None:
         """Underline the places of findings, unless the text has changed since.
@@ -132,51 +113,25 @@ class FindingsPane:
         """
         if version != self._session.version:
             return
-        for which in self._session.documents:
-            placed = [f for f in self._findings if self._session.document_of(f.place) == which]
-            marks = [mark for finding in placed if (mark := _mark(finding)) is not None]
+        for which, document in self._session.documents.items():
+            made = [_mark(finding, str(document.path)) for finding in self._findings]
+            marks = [mark for mark in made if mark is not None]
             # The editor moves its marks along with their text.
             texts = [(mark["attributes"]["title"], mark["to"] - mark["from"]) for mark in marks]
             if texts != self._underlined.get(which, []):
-                self._editor.underline(which, marks)
+                self._editors[which].run_method("setDecorations", marks)
                 self._underlined[which] = texts
 
-    def _item(self, position: int, finding: Finding) -> str:
-        place, severity = finding.place, finding.severity
-        where = ""
-        if place is not None and (which := self._session.document_of(place)) is not None:
-            name = self._session.documents[which].path.name
-            where = f'<span class="serp-place">{escape(name)}:{place.line}:{place.column}</span> '
-        advice = finding.advice and f'<span class="serp-advice">{escape(finding.advice)}</span>'
-        return (
-            f'<li><button type="button" class="serp-{severity}" '
-            f'data-finding="{position}"><span class="serp-kind">{severity}</span> {where}'
-            f'{escape(finding.message)} <span class="serp-place">[{escape(finding.code)}]</span>'
-            f"{advice}</button></li>"
-        )
 
-    def _clicked(self, event: Any) -> None:
-        position = str(event.args)
-        if position.isdecimal() and int(position) < len(self._findings):
-            place = self._findings[int(position)].place
-            if place is not None:
-                self._editor.jump(place.source.name, place.line, place.column)
-
-
-def _mark(finding: Finding) -> dict[str, Any] | None:
-    """Return how the editor underlines a place: within its first line, at least a character."""
-    place = finding.place
-    if place is None:
-        return None
-    text = place.source.text
-    line_end = place.start + len(place.source_line) - (place.column - 1)
-    end = min(max(place.end, place.start + 1), max(line_end, place.start + 1), len(text))
-    if end <= place.start:
+def _mark(finding: Finding, file: str) -> dict[str, Any] | None:
+    """Return how the editor of a file underlines a place, within its first line."""
+    place = finding.place and finding.place.first_line
+    if place is None or place.source.name != file or place.end <= place.start:
         return None
     return {
         "kind": "mark",
         "from": place.start,
-        "to": end,
+        "to": place.end,
         "class": f"serp-mark-{finding.severity}",
         "attributes": {"title": f"{finding.message}\n{finding.advice}".strip()},
     }

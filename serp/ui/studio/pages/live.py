@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import Any
 
 from nicegui import background_tasks, run, ui
 
 from serp.ui.studio.session import Session
-from serp.ui.studio.view import Request, View
+from serp.ui.studio.view import View
 
-Shown = Callable[[Request, View], None]
+Shown = Callable[[View], None]
+Jump = Callable[[str, int, int], None]
+"""Shows a line and a column of a file."""
 
 
 class Live:
@@ -31,7 +33,7 @@ class Live:
         self.closed = False
 
     def shows(self, shown: Shown) -> None:
-        """Add a function that is called with every request and its view."""
+        """Add a function that is called with every view."""
         self._shown.append(shown)
 
     def begin(self) -> None:
@@ -54,23 +56,24 @@ class Live:
             self._wanted.clear()
             if self.closed:
                 return
-            request = self._session.request()
-            view = await run.io_bound(request.view)
+            view = await run.io_bound(self._session.asked())
             if view is not None and not self.closed:
                 for shown in self._shown:
-                    shown(request, view)
+                    shown(view)
+
+
+def follow_places(element: ui.html, jump: Jump) -> None:
+    """Let clicks in an element lead to the places of its parts, `data-place="LINE:COLUMN:FILE"`."""
+
+    def clicked(event: Any) -> None:
+        line, column, file = (*str(event.args).split(":", 2), "", "")[:3]
+        if line.isdecimal() and column.isdecimal():
+            jump(file, int(line), int(column))
+
+    clicks = "(e) => { const b = e.target.closest('[data-place]'); if (b) emit(b.dataset.place) }"
+    element.on("click", clicked, js_handler=clicks)
 
 
 def button(text: str, on_click: Callable[..., object]) -> ui.button:
     """Return an outlined button."""
     return ui.button(text, on_click=on_click).props("dense outline no-caps")
-
-
-@contextmanager
-def busy(button: ui.button) -> Iterator[None]:
-    """Show that what a button has begun goes on."""
-    button.props("loading")
-    try:
-        yield
-    finally:
-        button.props(remove="loading")

@@ -6,22 +6,16 @@ from pathlib import Path
 
 from nicegui import ui
 
-from serp._util.figures import PALETTE
+from serp._util.figures import page_colours
+from serp._util.templates import render
+from serp._util.text import percent, readable
+from serp.agent.sentences import kind_of_return, line_of_run, runs_of
 from serp.ui.studio.document import Document
-from serp.ui.studio.pages.decision import DecisionPane
-from serp.ui.studio.pages.editor import EditorPane, FindingsPane
-from serp.ui.studio.pages.live import Live
+from serp.ui.studio.pages.editor import EditorPane
+from serp.ui.studio.pages.live import Jump, Live, follow_places
 from serp.ui.studio.pages.situation import ScenePane
 from serp.ui.studio.session import Session
-from serp.ui.studio.view import Request, View
-
-_COLOURS = {
-    **PALETTE,
-    "paper": ("#f6f7f9", "#0f1216"),
-    "warn": ("#8a5a00", "#e3b341"),
-    "glow": ("#e8f0fa", "#1f2c3d"),
-}
-"""Name → colour on light and on dark."""
+from serp.ui.studio.view import View
 
 
 async def show_page(session: Session) -> None:
@@ -39,47 +33,38 @@ async def show_page(session: Session) -> None:
             ui.label("The studio is open in another tab.")
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
-    owner = session.take_over(let_go)
-    ui.add_css(_variables() + style)
-    dark = ui.dark_mode()
+    session.take_over(let_go)
+    ui.add_css(page_colours() + style)
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
         state = ui.label().classes("serp-file")
         ui.element("div").classes("serp-space")
         save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
-        theme = ui.button("Dark").props("dense flat no-caps")
     with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:
         files = ui.element("section").classes("serp-editor").props('aria-label="Files"')
         files.move(splitter, target_slot="before")
         with files:
             editor = EditorPane(session, live)
-            FindingsPane(session, live, editor)
         with splitter.after, ui.element("div").classes("serp-right"):
             scene = ScenePane(session, live)
             with ui.element("section").classes("serp-panel"):
                 DecisionPane(live, editor.jump)
     save.on_click(lambda: editor.save())
 
-    def show_state(request: Request, view: View) -> None:
+    def show_state(view: View) -> None:
         state.set_text(", ".join(map(_described, session.documents.values())))
         save.set_enabled(session.changed)
 
     live.shows(show_state)
 
-    def set_dark(value: bool) -> None:
-        dark.set_value(value)
-        editor.dark(value)
-        theme.set_text("Light" if value else "Dark")
-
-    theme.on_click(lambda: set_dark(not dark.value))
     client.on_delete(live.close)
     await client.connected()
-    if session.owner != owner:
+    if live.closed:
         return
     prefers_dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
-    if session.owner != owner:
+    if live.closed:
         return
-    set_dark(bool(prefers_dark))
+    editor.dark(bool(prefers_dark))
     live.begin()
     await scene.begin()
 
@@ -92,9 +77,39 @@ def _described(document: Document) -> str:
     return name
 
 
-def _variables() -> str:
-    """Return the colours as CSS variables, light and dark."""
-    return "".join(
-        f"{where} {{{''.join(f'--{name}: {both[k]};' for name, both in _COLOURS.items())}}}\n"
-        for k, where in enumerate((":root", ".body--dark"))
-    )
+class DecisionPane:
+    """Shows decisions; where an error leaves none, the last one stays, faint."""
+
+    def __init__(self, live: Live, jump: Jump) -> None:
+        self._root = ui.element("section").classes("serp-decision").props('aria-label="Decision"')
+        with self._root:
+            self._table = ui.html()
+            self._verdict = ui.label().classes("serp-faint").props('role="status"')
+            self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
+        follow_places(self._table, jump)
+        live.shows(self.show)
+
+    def show(self, view: View) -> None:
+        """Show the decision of a view."""
+        decision = view.decision
+        if decision is None:
+            self._root.classes(add="serp-stale")
+            if not self._verdict.text:
+                self._verdict.set_text("The file has errors, so there is no decision yet.")
+            return
+        self._root.classes(remove="serp-stale")
+        account = decision.account
+        table = render(
+            "serp.ui.studio.pages",
+            "decision.html.j2",
+            {"readable": readable, "percent": percent},
+            kind=kind_of_return(account.partial),
+            shown=decision.shown,
+            chosen=account.chosen,
+            more=len(account.alternatives) - len(decision.shown),
+            runs_of=runs_of,
+            line_of_run=line_of_run,
+        )
+        self._table.set_content(table)
+        self._verdict.set_text(decision.verdict)
+        self._graph.set_content(decision.graph)

@@ -11,9 +11,9 @@ from nicegui import run, ui
 
 from serp.errors import SerpError
 from serp.ui.studio.episodes import play
-from serp.ui.studio.pages.live import Live, busy, button
+from serp.ui.studio.pages.live import Live, button
 from serp.ui.studio.session import PROBLEM, Session
-from serp.ui.studio.view import Control, Request, View
+from serp.ui.studio.view import Control, View
 
 
 class StatePane:
@@ -21,15 +21,15 @@ class StatePane:
 
     def __init__(self, session: Session, live: Live) -> None:
         self._session, self._live = session, live
-        self._controls: tuple[Control, ...] = ()
-        self._elements: dict[str, list[Any]] = {}
+        self._controls: list[Control] = []
+        self._elements: dict[str, Any] = {}
         with ui.element("div").classes("serp-state").props('role="group" aria-label="State"'):
             self._switches = ui.element("div").classes("serp-switches")
             self._grid = ui.element("div").classes("serp-controls")
             self._more = ui.label().classes("serp-faint")
         live.shows(self.show)
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show the controls of a view."""
         if view.decision is None:
             return
@@ -39,9 +39,10 @@ class StatePane:
             return
         for control in self._controls:
             # What is being dragged or typed is ahead of this view.
-            newest = self._session.shown.values.get(control.name, control.value)
-            for element in self._elements.get(control.name, ()):
-                element.set_value(float(newest) if control.numeric else bool(newest))
+            newest = self._session.values.get(control.name, control.value)
+            if control.name in self._elements:
+                value = float(newest) if control.numeric else bool(newest)
+                self._elements[control.name].set_value(value)
 
     def _build(self) -> None:
         most_fluents = 60
@@ -56,31 +57,32 @@ class StatePane:
         hidden = len(self._controls) - most_fluents
         self._more.set_text(f"… and {hidden:,} more" if hidden > 0 else "")
 
-    def _switch(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
+    def _switch(self, control: Control, changed: Callable[[Any], None]) -> ui.switch:
         switch = ui.switch(control.name, value=bool(control.value), on_change=changed)
-        return [switch.props("dense").classes("serp-switch")]
+        return switch.props("dense").classes("serp-switch")
 
-    def _slider(self, control: Control, changed: Callable[[Any], None]) -> list[Any]:
+    def _slider(self, control: Control, changed: Callable[[Any], None]) -> ui.slider:
         with ui.element("div").classes("serp-control"):
             ui.label(control.name).classes("serp-name").tooltip(control.name)
             slider = ui.slider(
                 min=control.low, max=control.high, step=control.step, value=control.value,
                 on_change=changed,
             )  # fmt: skip
-            number = ui.number(value=control.value, format="%.4g", on_change=changed)
+            number = ui.number(format="%.4g").bind_value(slider)
             for element, what in ((slider, "slider"), (number, "number")):
                 element.props("dense")
                 element.props["aria-label"] = f"{control.name}, {what}"
             number.props("borderless").classes("serp-value")
-        return [slider, number]
+        return slider
 
     def _changed(self, control: Control, event: Any) -> None:
         value = event.value
         if value is None:
             return
-        known = self._session.shown.values.get(control.name, control.value)
+        known = self._session.values.get(control.name, control.value)
         if float(value) != float(known):
-            self._session.set_fluent(control.name, float(value) if control.numeric else bool(value))
+            set_to = float(value) if control.numeric else bool(value)
+            self._session.values = {**self._session.values, control.name: set_to}
             self._live.changed()
 
 
@@ -112,15 +114,17 @@ class ScenePane:
 
         What prevents it is shown, unless it was unasked.
         """
-        with busy(self._play):
-            try:
-                session, seed = self._session, int(self._seed.value or 0)
-                of = session.task, session.version, session.surroundings
-                played = await run.io_bound(play, *of, seed)
-            except SerpError as error:
-                if not unasked:  # a place in a file stands beside the text, with its line
-                    ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
-                return
+        self._play.props("loading")
+        try:
+            session, seed = self._session, int(self._seed.value or 0)
+            of = session.task, session.version, session.surroundings
+            played = await run.io_bound(play, *of, seed)
+        except SerpError as error:
+            if not unasked:  # a place in a file stands beside the text, with its line
+                ui.notify(str(error).partition("\n")[0], type="negative", multi_line=True)
+            return
+        finally:
+            self._play.props(remove="loading")
         if self._live.closed:
             return
         self._session.take(played)
@@ -154,15 +158,15 @@ class ScenePane:
             self._session.show_step(int(event.value))
             self._live.changed()
 
-    def show(self, request: Request, view: View) -> None:
+    def show(self, view: View) -> None:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
         as_played = session.as_played
         step = None if session.step is None or played is None else played.steps[session.step]
-        origin = request.shown.origin
+        origin = session.origin
         if as_played and step is not None and step.action:
             origin += f", {step.action}"
-        elif request.shown.values and not as_played:
+        elif session.values and not as_played:
             origin += ", changed by hand"
         self._origin.set_text(origin)
         if view.decision is not None:  # else the last one stays, as the decision does

@@ -12,8 +12,7 @@ pytest.importorskip("pygls")
 from lsprotocol import types
 from pygls.lsp.client import LanguageClient
 
-from serp.authoring.language_server.completion import completions, explained
-from serp.authoring.language_server.index import Index, word_at
+from serp.authoring.language_server.names import Index, completions, explained, word_at
 from serp.authoring.language_server.server import Positions, code_actions, uri_of
 from serp.authoring.lint.findings import examine
 from serp.pddl.source import Source
@@ -137,9 +136,8 @@ async def completes_and_explains(editor):
     assert hover is not None and isinstance(hover.contents, types.MarkupContent)
     for text in (
         "métres 🤖 walked",
-        "At the start: `(= (walked) 0)`",
-        "Changed by action `go` (line 11), action `rest` (line 16)",
-        "Read by action `rest` (line 15)",
+        "`action go` (line 11), `action rest` (lines 15, 16)",
+        "`:init` (line ",
     ):
         assert text in hover.contents.value
     document = types.TextDocumentIdentifier(editor.uri("walk.pddl"))

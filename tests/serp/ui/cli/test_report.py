@@ -47,10 +47,8 @@ def data_of(page):
     packed = gzip.decompress(base64.b64decode(parts["arrays"]))
     arrays, at = {}, 0
     for name, kind, count in meta["layout"]:
-        size = np.dtype(kind).itemsize
-        planes = np.frombuffer(packed, np.uint8, count * size, at).reshape(size, count)
-        arrays[name] = planes.T.copy().view(np.dtype(kind).newbyteorder("<")).reshape(-1)
-        at += count * size
+        arrays[name] = np.frombuffer(packed, np.dtype(kind).newbyteorder("<"), count, at)
+        at += arrays[name].nbytes
     assert at == len(packed)
     return meta, arrays
 

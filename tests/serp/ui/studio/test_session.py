@@ -13,7 +13,6 @@ from serp.tasks.registry import load_task
 from serp.ui.studio.document import Document
 from serp.ui.studio.serving import Guard
 from serp.ui.studio.session import open_session
-from serp.ui.studio.view import ShownState
 from tests.worlds import text
 
 SWITCH = text("switch")
@@ -28,15 +27,15 @@ def session(tmp_path):
 
 
 def test_a_view_says_what_the_planner_of_the_text_decides(session):
-    session.shown = ShownState({"heat": 20.0, "on": True, "no such fluent": 1.0})
-    view = session.request().view()
+    session.values = {"heat": 20.0, "on": True, "no such fluent": 1.0}
+    view = session.asked()()
     assert view.decision is not None and view.findings == ()
     domain = load_domain(session.documents["domain"].path, observed=True)
     plan = MonitorReplanner(domain.model).plan([1.0, 20.0])
     account = view.decision.account
     assert (account.chosen, account.alternatives[0].best_return) == (plan.action, plan.reward)
-    session.set_fluent("heat", 70.0)  # a fluent that is set
-    view = session.request().view()
+    session.values = {**session.values, "heat": 70.0}  # a fluent that is set
+    view = session.asked()()
     (unsafe,) = (c for c in view.decision.account.alternatives[0].causes if c.what == "unsafe")
     assert unsafe.place is not None and unsafe.place.line == 8
     heat = next(each for each in view.decision.controls if each.name == "heat")
@@ -63,7 +62,7 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     assert (folder / "theirs.pddl").read_text() == "mine again"
     (folder / "theirs.pddl").unlink()
     os.mkfifo(folder / "theirs.pddl")
-    with pytest.raises(SerpError, match="no regular file"):  # reading it would never end
+    with pytest.raises(SerpError, match="not a regular file"):  # reading it would never end
         document.save()
     (folder / "linked.pddl").symlink_to(outside)
     document = Document(folder / "linked.pddl", folder)
@@ -168,4 +167,4 @@ def test_a_run_is_opened_with_its_copy_of_the_file(tmp_path):
     of_run = open_session(str(run.path), tmp_path / "elsewhere")
     assert of_run.documents["domain"].target == tmp_path / "elsewhere" / "cartpole.pddl"
     assert of_run.task is not None and of_run.surroundings.dt == task.dt
-    assert of_run.request().view().decision is not None
+    assert of_run.asked()().decision is not None
