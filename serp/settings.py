@@ -165,24 +165,23 @@ class PlannerSettings(Section):
 class AdaptationSettings(Section):
     """Online adaptation of the model by its one-step errors."""
 
-    mode: Literal["off", "parameters", "residual", "full"] = "off"
+    mode: Literal["off", "parameters", "residual", "full", "rewards"] = "off"
     """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
     estimated. `residual`: a model of the remaining one-step error is learned. `full`: both.
-    With any mode but `off`, the planner prefers in its turns of a training actions observed fewer
-    than 4 times that are predicted safe."""
-    rewards: bool = False
-    """Whether the rewards of the file are corrected, too, by those that the task learns from: for
-    files whose rewards estimate these. Where they are hints for the planner, they would be lost."""
+    `rewards`: as `full`, and the rewards of the file are corrected, too, by those that the task
+    learns from: for files whose rewards estimate these. Where they are hints for the planner, they
+    would be lost. With any mode but `off`, the planner prefers in its turns of a training actions
+    observed fewer than 4 times that are predicted safe."""
 
     @property
     def residual(self) -> bool:
         """Whether a residual is learned."""
-        return self.mode in ("residual", "full")
+        return self.mode in ("residual", "full", "rewards")
 
     @property
     def parameters(self) -> bool:
         """Whether parameters of the file are estimated."""
-        return self.mode in ("parameters", "full")
+        return self.mode in ("parameters", "full", "rewards")
 
 
 class ArbiterSettings(Section):

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
 @click.option("--resume", is_flag=False, flag_value="", metavar="[RUN]",
               help="Continue a run: this one, or that in --out.")  # fmt: skip
-@click.option("--adapt", metavar="off|parameters|residual|full",
+@click.option("--adapt", metavar="off|parameters|residual|full|rewards",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
 @click.option("--planner", metavar="NAME", help="The planner.  [default: by the preset]")
 @click.option("--num-envs", type=click.IntRange(min=1), metavar="N",
