@@ -20,7 +20,7 @@ import numpy as np
 from serp import plan_and_learn
 from serp.errors import SerpError
 from serp.runs import results
-from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
+from serp.runs.checkpoint import CHECKPOINT, load, save
 from serp.runs.folder import METRICS
 from serp.runs.policy import AGENT, MANIFEST, Policy, export_policy
 from serp.runs.tables import read_metrics
@@ -39,7 +39,6 @@ VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1],
 def begin(name, path):
     """Trains for a while."""
     plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
-    (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
 
 
 def resumed(path):
@@ -144,7 +143,7 @@ def main(folder, first, count, robots=""):
     results.write_results = lambda folder, *results: None
     if not folder.exists():
         begin("cliff", folder)
-    whole, name, used = folder, NEWEST, resumed
+    whole, name, used = folder, CHECKPOINT, resumed
     if robots:
         whole, name, used = folder.with_name(f"{folder.name}-robot"), AGENT, decided
         if not whole.exists():

@@ -5,7 +5,7 @@
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
 ``recording``               every step in numbers, see `serp.runs.recording`
-``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
+``checkpoint.safetensors``  the newest training state
 ``summary.json``, ``learning-curve.png``, ``learning-curve.svg``  the results
 
 What cannot be read or written is a `RunError`.
@@ -22,30 +22,26 @@ import os
 import platform
 import re
 import socket
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from filelock import FileLock, Timeout
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from serp._util.files import (
     Closing,
-    aside_of,
     cannot_write,
     json_text,
     read_json,
     refuse_hard_link,
     require_regular,
-    sync_folder,
     write_durably,
 )
-from serp._util.saved_state import Saved
 from serp.errors import RunError
 from serp.model.domain import problem_beside
-from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
-from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Position, Table
+from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 
 LOCK: Final = ".lock"
 
@@ -120,36 +116,8 @@ class _Config(BaseModel):
     machine: dict[str, Any]
 
 
-def config_text(
-    config: Mapping[str, Any],
-    domain_files: Mapping[str, str],
-    command: Sequence[str],
-    now: datetime.datetime,
-) -> str:
-    """Return the text of ``config.json``.
-
-    Args:
-        config: The resolved configuration; its ``seed`` is repeated at the top level.
-        domain_files: Name of each copy in the run → name of the original file.
-        command: The command line.
-        now: When the run began, local time.
-    """
-    return json_text(
-        {
-            "format": FORMAT,
-            "created": now.astimezone().isoformat(timespec="seconds"),
-            "command": list(command),
-            "seed": config.get("seed"),
-            "domain_files": dict(domain_files),
-            "config": dict(config),
-            "versions": versions(),
-            "machine": machine(),
-        }
-    )
-
-
 def read_config(folder: Path) -> dict[str, Any]:
-    """Read the ``config.json`` of a run: the keys that `config_text` writes."""
+    """Read the ``config.json`` of a run: the keys that `RunFolder.create` writes."""
     if os.path.isfile(folder):
         raise RunError(f"{folder} is a file; a run is given by its folder.")
     if not os.path.isdir(folder):
@@ -219,10 +187,10 @@ def machine() -> dict[str, Any]:
     }
 
 
-def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
+def default_path(domain_name: str) -> Path:
     """Return the default folder of a run: ``runs/<domain>-<time>``, and ``-2``, … if it exists."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
-    stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
+    stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
     first = path = Path("runs") / f"{name}-{stamp}"
     number = 1
     while os.path.lexists(path):
@@ -244,7 +212,7 @@ def refuse_occupied(path: Path) -> None:
     """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
     What a run left that was stopped before its beginning is ignored. Its lock file shows that the
-    other files are its own: without it, a domain.pddl may be the user's.
+    folder is its own: without it, a domain.pddl may be the user's.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
@@ -254,7 +222,7 @@ def refuse_occupied(path: Path) -> None:
         return
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
-    if names and not (LOCK in names and names <= _LEFT):
+    if names and (LOCK not in names or CONFIG in names):
         raise occupied(path)
 
 
@@ -274,15 +242,6 @@ METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
 _COPIES: Final = ("domain.pddl", "problem.pddl")
-_TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
-_LEFT: Final = {
-    *(LOCK, *_COPIES, *_TABLES),
-    *(aside_of(Path(name)).name for name in (*_COPIES, CONFIG)),
-}
-"""What a run may leave that is stopped before its beginning: `CONFIG` is written last."""
-_POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
-Texts = Sequence[tuple[str, str]]
-"""Name and text of a domain file and, if there is one, of its problem file."""
 
 
 class RunFolder(Closing):
@@ -297,24 +256,10 @@ class RunFolder(Closing):
         self.path = path
         self.metadata = metadata
         self._lock = lock
-        self._tables: dict[str, Table] = {}
-        if lock is not None:
-            try:
-                for name, columns in _TABLES.items():
-                    self._tables[name] = Table(path / name, columns)
-            except BaseException:
-                self.close()
-                raise
 
     @classmethod
     def create(
-        cls,
-        path: Path | str,
-        config: Mapping[str, Any],
-        domain_files: Texts,
-        *,
-        command: Sequence[str] = (),
-        now: datetime.datetime | None = None,
+        cls, path: Path | str, config: Mapping[str, Any], domain_files: Sequence[tuple[str, str]]
     ) -> RunFolder:
         """Begin a run in a new or empty folder, and lock it for writing.
 
@@ -324,14 +269,22 @@ class RunFolder(Closing):
             path: The folder; its parents are created.
             config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
                 its ``seed`` is repeated at the top level of ``config.json``.
-            domain_files: The task's own domain.
-            command: The command line.
-            now: The time of the beginning.
+            domain_files: Name and text of the domain file and, if there is one, of its problem.
         """
         path = Path(path)
         copies = dict(zip(_COPIES, domain_files, strict=False))
-        names = {copy: name for copy, (name, _) in copies.items()}
-        text = config_text(config, names, command, now or datetime.datetime.now())
+        text = json_text(
+            {
+                "format": FORMAT,
+                "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+                "command": sys.argv,
+                "seed": config.get("seed"),
+                "domain_files": {copy: name for copy, (name, _) in copies.items()},
+                "config": dict(config),
+                "versions": versions(),
+                "machine": machine(),
+            }
+        )
         make_empty(path)
         run = cls(path, json.loads(text), RunLock(path))
         try:
@@ -350,7 +303,7 @@ class RunFolder(Closing):
 
     @classmethod
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Open an existing run; to continue it (`writing`), lock it and open its tables."""
+        """Open an existing run; to continue it (`writing`), lock it."""
         path = Path(path)
         return cls(path, read_config(path), RunLock(path) if writing else None)
 
@@ -370,79 +323,19 @@ class RunFolder(Closing):
         return file, require_regular(self.path / problem)
 
     @property
-    def metrics(self) -> Table:
-        """The metrics, one `MetricsRow` per episode, of a run open for writing."""
-        return self._table(METRICS)
-
-    @property
-    def decisions(self) -> Table:
-        """The decision log, one `DecisionRow` per step, of a run open for writing."""
-        return self._table(DECISIONS)
-
-    def flush(self) -> None:
-        """Flush all rows of both tables to the disk."""
-        self.metrics.sync()
-        self.decisions.sync()
-
-    def save_checkpoint(
-        self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
-    ) -> Path:
-        """Flush both tables, then save a checkpoint with their positions."""
-        self.flush()
-        ends = {name: table.position() for name, table in self._tables.items()}
-        return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
+    def has_checkpoint(self) -> bool:
+        """Whether the run has saved a checkpoint; one that another library drives has none."""
+        return (self.path / CHECKPOINT).exists()
 
     def load_checkpoint(self) -> Checkpoint:
-        """Read the newest intact checkpoint.
-
-        Its `fallback` is set if the previous one was read. A run open for writing then renames the
-        damaged one to ``checkpoint-damaged.safetensors``, so that the next save does not keep it as
-        the previous one.
-        """
-        found = load_newest(self.path)
-        newest = self.path / NEWEST
-        if self._lock is not None and found.path != newest and newest.exists():
-            try:
-                os.replace(newest, self.path / DAMAGED)
-                sync_folder(self.path)
-            except OSError as error:
-                kept = "The previous checkpoint is intact."
-                raise cannot_write(self.path / DAMAGED, error, kept) from error
-        return found
-
-    def resume(self) -> Checkpoint:
-        """Return the newest intact checkpoint; truncate both tables to the positions in it."""
-        found = self.load_checkpoint()
-        saved = Saved("run", {}, found.meta.pop(_POSITIONS, None))
-        ends = {name: Position(*saved.wholes(name, 2)) for name in _TABLES}
-        for name, end in ends.items():
-            self._table(name).truncate(end)
-        return found
-
-    def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file of the run atomically and durably."""
-        if self._lock is None:
-            raise self._read_only()
-        write_durably(self.path / name, content)
-        return self.path / name
+        """Read the checkpoint."""
+        return load(self.path / CHECKPOINT)
 
     def read_summary(self) -> dict[str, Any]:
         """Read ``summary.json``."""
         return read_json(self.path / SUMMARY, "It is written when the run ends.")
 
     def close(self) -> None:
-        """Flush and close the tables and release the lock; a second call does nothing."""
-        with contextlib.ExitStack() as stack:
-            if self._lock is not None:
-                stack.callback(self._lock.release)
-            for table in self._tables.values():
-                stack.callback(table.close)
-            self._lock, self._tables = None, {}
-
-    def _table(self, name: str) -> Table:
-        if name not in self._tables:
-            raise self._read_only()
-        return self._tables[name]
-
-    def _read_only(self) -> RunError:
-        return RunError(f"the run {self.path} is not open for writing.")
+        """Release the lock; a second call does nothing."""
+        if self._lock is not None:
+            self._lock.release()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import datetime
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -272,7 +271,6 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         out: str | Path | None = None,
         render_mode: str | None = None,
     ) -> None:
-        begun = datetime.datetime.now()
         seed = seed_of(seed)
         task = find_task(task) if isinstance(task, str) else task
         resolved = resolve(preset, task.settings, settings)
@@ -290,10 +288,9 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             self._folder: RunFolder | None = None
             if out is not None:
                 self._folder = begin_run(
-                    Path(out), bound, resolved,
-                    preset=preset, seed=seed, budget=Budget(), begun=begun,
-                )  # fmt: skip
-                self.log = RunLog(self._folder, bound)
+                    Path(out), bound, resolved, preset=preset, seed=seed, budget=Budget()
+                )
+                self.log = RunLog(self._folder.path, bound)
         except BaseException:
             bound.close()
             raise

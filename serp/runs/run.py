@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
 import functools
 import hashlib
 import json
 import os
-import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import gymnasium as gym
+import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     BaseModel,
@@ -33,8 +32,10 @@ from serp._util.terminal import bar
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SettingsError
-from serp.model.domain import load_domain, problem_beside
-from serp.runs.checkpoint import Checkpoint
+from serp.model.domain import Domain, load_domain, problem_beside
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.transition_model import TransitionModel
+from serp.runs.checkpoint import CHECKPOINT, Checkpoint
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
 from serp.runs.folder import CONFIG, METRICS, RunFolder
 from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
@@ -82,7 +83,6 @@ def begin_run(
     preset: str,
     seed: int,
     budget: Budget,
-    begun: datetime.datetime,
     baseline: bool = False,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""
@@ -103,7 +103,7 @@ def begin_run(
         "settings": settings.as_dict(),
     }
     texts = [(source.name, source.text) for source in task.domain.sources]
-    return RunFolder.create(path, config, texts, command=sys.argv, now=begun)
+    return RunFolder.create(path, config, texts)
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:
@@ -135,17 +135,17 @@ def content_digests(folder: RunFolder) -> dict[str, str]:
     return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
 
-def refuse_changes(folder: RunFolder, checkpoint: Checkpoint, *, domain_only: bool = False) -> None:
-    """Check that the files of a run are those that a checkpoint of it began with.
+def refuse_changes(folder: RunFolder, checkpoint: Checkpoint) -> None:
+    """Check that the files of a run are those that its checkpoint began with.
 
     Raises:
-        RunError: A domain file, or the configuration unless `domain_only`, was changed.
+        RunError: A domain file, or the configuration, was changed.
     """
     _, before = Saved("run", {}, checkpoint.meta).part("made_of")
     if not isinstance(before, dict):
-        raise RunError(f"{checkpoint.path} holds no digests of the run's files")
+        raise RunError(f"{folder.path / CHECKPOINT} holds no digests of the run's files")
     now = content_digests(folder)
-    for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_only else set())):
+    for name in sorted(before.keys() | now.keys()):
         if before.get(name) != now.get(name):
             raise RunError(
                 f"{name} of the run was changed since it began, so that it does not fit what was "
@@ -171,24 +171,41 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
 
 
 class Run:
-    """A run on the disk.
+    """A run on the disk. Only acting in its environment needs the task that it was trained on.
+
+    Args:
+        path: Its folder.
+        task: The task; by default `task_of_run` finds it when it is needed.
 
     Attributes:
         path: Its folder.
-        task: The task, with the domain as the run has it.
+        folder: Its files.
+
+    Raises:
+        RunError: The folder is not a run.
     """
 
-    def __init__(self, path: Path, task: Task) -> None:
+    def __init__(self, path: Path, task: Task | None = None) -> None:
         self.path = path
-        self.task = task
+        self.folder = RunFolder.open(path)
+        self._task = task
 
     def __repr__(self) -> str:
         return f"Run({str(self.path)!r})"
 
     @functools.cached_property
+    def task(self) -> Task:
+        """The task, with the domain as the run has it.
+
+        Raises:
+            TaskError: It is not installed.
+        """
+        return task_of_run(self.folder) if self._task is None else self._task
+
+    @property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
-        return RunFolder.open(self.path).config
+        return self.folder.config
 
     @property
     def metrics(self) -> dict[str, NDArray[Any]]:
@@ -202,35 +219,83 @@ class Run:
         Raises:
             RunError: The run has not ended yet.
         """
-        return RunFolder.open(self.path).read_summary()
+        return self.folder.read_summary()
+
+    @functools.cached_property
+    def made(self) -> RunMetadata:
+        """The configuration, checked."""
+        return read_run_metadata(self.folder)
+
+    @functools.cached_property
+    def domain(self) -> Domain:
+        """The run's copy of the domain.
+
+        Raises:
+            RunError: It was changed since the run began.
+            DomainError: It is damaged.
+        """
+        if self.folder.has_checkpoint:
+            refuse_changes(self.folder, self.checkpoint)
+        observed, limit = self.made.observed, self.made.max_ground_schemas
+        domain = load_domain(
+            *self.folder.copies(), observed=observed is not None, max_ground_schemas=limit
+        )
+        return domain if observed is None else domain.observed(observed)
+
+    @functools.cached_property
+    def model(self) -> TransitionModel:
+        """The domain's transition model as written, with the task's control period."""
+        return self.domain.model.replace(dt=self.made.control_period)
+
+    @functools.cached_property
+    def checkpoint(self) -> Checkpoint:
+        """The checkpoint.
+
+        Raises:
+            RunError: There is none, or it is damaged.
+        """
+        return self.folder.load_checkpoint()
 
     @functools.cached_property
     def agent(self) -> Agent:
-        """The agent as of the newest checkpoint.
+        """The agent as of the checkpoint.
 
         Raises:
             RunError: There is no intact checkpoint, or the run's files were changed since.
         """
-        checkpoint = self._checkpoint
-        folder = RunFolder.open(self.path)
-        refuse_changes(folder, checkpoint)
-        made = read_run_metadata(folder)
+        refuse_changes(self.folder, self.checkpoint)
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
-            agent = Agent(bound, made.settings, made.seed, baseline=made.baseline)
-        with reading(checkpoint) as saved:
-            agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
+            agent = Agent(bound, self.made.settings, self.made.seed, baseline=self.made.baseline)
+        with reading(self.folder, self.checkpoint) as saved:
+            agent.load_state_dict(self.checkpoint.arrays, saved.part("agent")[1])
         return agent
 
-    @property
-    def notice(self) -> str | None:
-        """A message if the newest checkpoint is damaged and the previous one is used; else None."""
-        damage = self._checkpoint.fallback
-        return None if damage is None else f"{damage} The agent is from the previous checkpoint."
-
     @functools.cached_property
-    def _checkpoint(self) -> Checkpoint:
-        return RunFolder.open(self.path).load_checkpoint()
+    def adaptation(self) -> ModelAdaptation:
+        """What the checkpoint has learned of the model.
+
+        Raises:
+            RunError: There is no intact checkpoint.
+        """
+        # Nothing is drawn after loading, so any seed will do.
+        unused = np.random.SeedSequence(0)
+        adaptation = ModelAdaptation(self.model, self.made.settings.adaptation, unused)
+        adaptation.load_state_dict(*self.saved_agent.part("adaptation"))
+        return adaptation
+
+    @property
+    def saved_agent(self) -> Saved:
+        """What the checkpoint has of the agent."""
+        whole = Saved("run", self.checkpoint.arrays, self.checkpoint.meta)
+        return Saved("agent", self.checkpoint.arrays, whole.part("agent")[1])
+
+    @property
+    def adapted(self) -> TransitionModel | None:
+        """The model of the checkpoint; None where nothing that was learned is in use."""
+        if not self.folder.has_checkpoint or self.adaptation.model.as_written:
+            return None
+        return self.adaptation.model
 
     def decide(
         self,
@@ -327,9 +392,18 @@ class Run:
             evaluation: The name of the evaluation: `<policy>-seed<seed>`.
 
         Raises:
-            RunError: There are none, or they are damaged.
+            RunError: There are none, they are damaged, or of another domain.
         """
-        return open_recording(self.path, evaluation)
+        found = open_recording(self.path, evaluation)
+        layout = found.layout
+        names = tuple(fluent.name for fluent in self.model.fluents)
+        ground = tuple(action.name for action in self.model.actions)
+        if (layout.fluents, layout.ground_actions) != (names, ground):
+            raise RunError(
+                f"{found.folder} does not fit the domain of the run: its fluents or actions have "
+                "other names. Restore it from a copy."
+            )
+        return found
 
     def recorder(
         self, policy: Policy, seed: int
@@ -354,7 +428,7 @@ class Run:
             SerpError: The task cannot be loaded, or does not draw.
         """
         with self.task.bind(render_mode=render_mode) as task:
-            with reading(self._checkpoint) as saved:
+            with reading(self.folder, self.checkpoint) as saved:
                 environments = Saved("run", {}, saved.part("environments")[1])
                 task.restore_environment(environments.part("0")[1], statistics_only=True)
             yield task
@@ -389,9 +463,9 @@ def task_of_run(folder: RunFolder, task: Task | None = None) -> Task:
 
 
 @contextlib.contextmanager
-def reading(checkpoint: Checkpoint) -> Iterator[Saved]:
-    """Yield the values of a checkpoint; errors in the body name the file."""
+def reading(folder: RunFolder, checkpoint: Checkpoint) -> Iterator[Saved]:
+    """Yield the values of a run's checkpoint; errors in the body name the file."""
     try:
         yield Saved("run", {}, checkpoint.meta)
     except (RunError, SettingsError) as error:
-        raise RunError(f"{checkpoint.path}: {error}") from error
+        raise RunError(f"{folder.path / CHECKPOINT}: {error}") from error

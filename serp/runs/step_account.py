@@ -2,7 +2,7 @@
 
 Values are those that were recorded. Causes are those of the file as the run has it. What lies
 beyond one control period, and what would have had to differ, is computed by a planner that makes
-the same choice in this state, see `serp.runs.run_model`. Where none does, it is left out.
+the same choice in this state, see `serp.runs.planned_again`. Where none does, it is left out.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided,
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.edges import Bound
+from serp.runs.planned_again import agreeing_planner, other_vetoes_of, planned_again
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
-from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of, planned_again
+from serp.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class PredictedFluent:
     learned: float | bool | None = None
 
 
-def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
+def predictions_of(run: Run, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
     model = run.model
     before, after = model.values(step.state), model.values(step.next_state)
@@ -211,9 +212,7 @@ class StepAccount:
         }
 
 
-def account_of_step(
-    run: RunModel, recording: Recording, step: int, because: str = ""
-) -> StepAccount:
+def account_of_step(run: Run, recording: Recording, step: int, because: str = "") -> StepAccount:
     """Return the account of a recorded step.
 
     Args:
@@ -245,7 +244,7 @@ def account_of_step(
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,
-        discount=run.settings.planner.discount,
+        discount=run.made.settings.planner.discount,
     )  # fmt: skip
     observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(
@@ -264,7 +263,7 @@ def account_of_step(
     )
 
 
-def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
+def _judged(run: Run, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
     """Return causes, reward and flag of what was observed, by the file as written."""
     try:
         causes, judged = observed_causes(run.model, step.state, ground, step.next_state)

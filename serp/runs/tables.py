@@ -10,9 +10,9 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import itertools
 import math
 import os
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -111,52 +111,57 @@ METRICS_COLUMNS = _columns(MetricsRow)
 DECISIONS_COLUMNS = _columns(DecisionRow)
 
 
-class Position(NamedTuple):
-    """A position in a table: the number of bytes before it, and their CRC-32."""
-
-    bytes: int
-    checksum: int
-
-
 class Table(Closing):
     """Writes one CSV file with fixed columns.
 
-    A missing or empty file is created with its header. Opening an existing one checks its header;
-    `truncate` then drops what was written after a checkpoint.
-
     Args:
-        path: The file.
+        path: The file; it is made with its header, if it is missing.
         columns: The names of its columns.
+        rows: Rows to keep of what it holds; the rest is removed.
+
+    Raises:
+        RunError: It has other columns or fewer rows, or the disk fails.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str], rows: int = 0) -> None:
         self._path = path
         self._columns = tuple(columns)
         self._rows: list[Sequence[Any]] = []
-        self._header = _lines([columns])
         try:
             file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
             self._file = os.fdopen(file, "r+b", buffering=0)
         except OSError as error:
             raise cannot_write(path, error, "The table is unchanged.") from error
         try:
-            found = self._file.read(len(self._header))
-            if not self._header.startswith(found):
-                raise RunError(
-                    f"{self._path}:1: has other columns than this serp writes "
-                    f"({', '.join(self._columns)}). Begin a new run with another --out."
-                )
-            begun = found == self._header
-            self._end = os.fstat(self._file.fileno()).st_size if begun else 0
-            self._checksum = self._checksum_of(self._end)
-            if not begun:  # a new file, or one that was truncated in its header
-                self._file.truncate(0)
-                self._write(self._header)
+            self._end = self._end_of(rows)
+            self._file.truncate(self._end)
+            if not self._end:
+                self._write(_lines([columns]))
         except BaseException as error:
             self._file.close()
             if isinstance(error, OSError):
                 raise cannot_write(path, error, "The table is unchanged.") from error
             raise
+
+    def _end_of(self, rows: int) -> int:
+        """Return the number of bytes up to the end of a row; 0 for a file without a header."""
+        header = _lines([self._columns])
+        end = complete = 0
+        with open(self._file.fileno(), "rb", closefd=False) as file:
+            for line in itertools.islice(file, 1 + rows):
+                if not end and not header.startswith(line):
+                    raise RunError(
+                        f"{self._path}:1: has other columns than this serp writes "
+                        f"({', '.join(self._columns)}). Begin a new run with another --out."
+                    )
+                if line.endswith(b"\n"):
+                    end, complete = end + len(line), complete + 1
+        if rows and complete < 1 + rows:
+            raise RunError(
+                f"{self._path} has not the {rows:,} rows that the run had written: it was changed "
+                "since. Restore it from a copy, or begin a new run with another --out."
+            )
+        return end
 
     def append(self, row: Sequence[Any]) -> None:
         """Add a row; it is written at the next `flush`, or when 1,024 rows are buffered.
@@ -185,31 +190,6 @@ class Table(Closing):
         except OSError as error:
             raise cannot_write(self._path, error, "Its last rows may be missing.") from error
 
-    def position(self) -> Position:
-        """Flush, and return the end of the table, for `truncate`."""
-        self.flush()
-        return Position(self._end, self._checksum)
-
-    def truncate(self, to: Position) -> None:
-        """Go back to an earlier `position`: drop the rows after it, and buffered ones."""
-        self._rows.clear()
-        restore = "Restore the table from a copy, or begin a new run with another --out."
-        if not len(self._header) <= to.bytes <= self._end:
-            raise RunError(
-                f"{self._path} has {self._end} bytes, and the checkpoint was made when it had "
-                f"{to.bytes}: the table was truncated or changed since. {restore}"
-            )
-        try:
-            if self._checksum_of(to.bytes) != to.checksum:
-                raise RunError(
-                    f"the rows of {self._path} up to byte {to.bytes} were changed after the "
-                    f"checkpoint was made. {restore}"
-                )
-            self._file.truncate(to.bytes)
-        except OSError as error:
-            raise cannot_write(self._path, error, "The table is unchanged.") from error
-        self._end, self._checksum = to
-
     def close(self) -> None:
         """Flush and close; a second call does nothing."""
         if self._file.closed:
@@ -218,14 +198,6 @@ class Table(Closing):
             self.flush()
         finally:
             self._file.close()
-
-    def _checksum_of(self, size: int) -> int:
-        """Return the CRC-32 of the first `size` bytes."""
-        checksum = 0
-        self._file.seek(0)
-        for start in range(0, size, 65_536):
-            checksum = zlib.crc32(self._file.read(min(65_536, size - start)), checksum)
-        return checksum
 
     def _write(self, data: bytes) -> None:
         rest = memoryview(data)
@@ -241,7 +213,6 @@ class Table(Closing):
             kept = f"Its rows up to byte {self._end} are intact."
             raise cannot_write(self._path, error, kept) from error
         self._end += len(data)
-        self._checksum = zlib.crc32(data, self._checksum)
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> bytes:

@@ -6,8 +6,8 @@ What the user gave is checked before the run folder is made.
 from __future__ import annotations
 
 import contextlib
-import datetime
 import os
+import shlex
 import signal
 import threading
 import time
@@ -22,17 +22,21 @@ from serp.agent.agent import account_of
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
-from serp.runs.folder import RunFolder, default_path, refuse_occupied
+from serp.model.transition_model import StateError
+from serp.runs import checkpoint
+from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
 from serp.runs.progress import Progress
-from serp.runs.resume import advice_to_resume, restore
 from serp.runs.run import (
     Run,
     begin_run,
     content_digests,
     read_run_metadata,
+    reading,
+    refuse_changes,
     task_of_run,
 )
 from serp.runs.run_log import RunLog
+from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
@@ -123,6 +127,40 @@ def stop_between_episodes() -> Iterator[Stopping]:
             signal.signal(number, handler)
 
 
+def restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
+    """Restore the checkpoint, if there is one; return the budget of the run."""
+    metrics = folder.path / METRICS
+    # A run without a checkpoint and without an episode was stopped before it began.
+    if folder.has_checkpoint or (metrics.exists() and len(read_metrics(metrics)["episode"])):
+        saved = folder.load_checkpoint()
+        refuse_changes(folder, saved)
+        with reading(folder, saved) as values:
+            trainer.load_state_dict(*saved)
+            before = Budget.from_dict(values.part("budget")[1])
+    return before
+
+
+@contextlib.contextmanager
+def advice_to_resume(folder: RunFolder) -> Iterator[None]:
+    """Add to any error of a training how to continue it, if that is possible.
+
+    Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
+    """
+    try:
+        yield
+    except (SettingsError, StateError):
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        if folder.has_checkpoint:
+            kept = f"The run up to the last checkpoint is kept in {folder.path}. "
+            error.add_note(
+                f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
+                f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
+                f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
+            )
+        raise
+
+
 def continue_training(
     folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
 ) -> Run:
@@ -155,9 +193,9 @@ def train(
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        if trainer.log is not None:
-            trainer.log.flush()
-        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
+        log.flush()
+        meta |= {"budget": budget.as_dict(), "made_of": digests}
+        checkpoint.save(folder.path / checkpoint.CHECKPOINT, arrays, meta)
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
@@ -174,7 +212,7 @@ def train(
             progress.refresh()
 
         trainer.on_step = after_step
-        log = RunLog(folder, trainer.task, trainer.env_steps)
+        log = RunLog(folder.path, trainer.task, trainer.env_steps, trainer.episode)
         with log, one_thread(), progress:
             trainer.log = log
             task = trainer.task
@@ -259,7 +297,6 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; the run is saved and can be resumed.
     """
-    begun = datetime.datetime.now()
     budget = Budget(episodes=episodes, env_steps=env_steps)
     callbacks = Callbacks(on_step, on_episode)
     seed = seed_of(seed)
@@ -283,12 +320,9 @@ def plan_and_learn(
     if out is not None:
         refuse_occupied(Path(out))
     with task.bind() as bound:
-        path = Path(out) if out is not None else default_path(bound.name, begun)
-
+        path = Path(out) if out is not None else default_path(bound.name)
         with (
             Trainer(bound, resolved, seed) as trainer,
-            begin_run(
-                path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
-            ) as folder,
+            begin_run(path, bound, resolved, preset=preset, seed=seed, budget=budget) as folder,
         ):
             return train(folder, trainer, budget, callbacks, quiet=quiet)

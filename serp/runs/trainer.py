@@ -140,14 +140,6 @@ class Trainer(Bookkeeping, Closing):
         """Close the environments that the trainer has made; that of the task stays open."""
         self._open.close()
 
-    def run_episode(self) -> MetricsRow:
-        """Train for one episode with one environment, and return its row of the metrics.
-
-        Errors are those of `run`.
-        """
-        (row,) = self.run()
-        return row
-
     def run(self) -> Iterator[MetricsRow]:
         """Train until no episode is running; yield the rows of the metrics as episodes end.
 

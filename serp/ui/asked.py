@@ -15,7 +15,6 @@ from serp._util.did_you_mean import did_you_mean, listed
 from serp._util.text import plural
 from serp.errors import SerpError
 from serp.ui.options import own_task_name
-from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
@@ -85,13 +84,10 @@ def _with_domain(task: Task, domain: Domain) -> Task:
 
 
 def open_run(folder: Path) -> Run:
-    """Open a run, and print the notice of its agent, if it has one."""
+    """Open a run with the task of `--task`."""
     from serp.runs.run import load_run
 
-    run = load_run(folder, asked_own_task())
-    if run.notice is not None:
-        say(run.notice)
-    return run
+    return load_run(folder, asked_own_task())
 
 
 def rolled_out(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import datetime
 import hashlib
 import io
 import json
@@ -38,7 +37,6 @@ from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
-from serp.runs.resume import restore
 from serp.runs.rollout import (
     Rollout,
     evaluation_seed,
@@ -47,7 +45,7 @@ from serp.runs.rollout import (
 from serp.runs.run import begin_run
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
-from serp.runs.train import train
+from serp.runs.train import restore, train
 from serp.runs.trainer import Budget, Callbacks, Trainer
 from serp.settings import Settings
 from serp.tasks.environment import single
@@ -186,7 +184,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
         else:
             folder = begin_run(
                 job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
-                begun=datetime.datetime.now(), baseline=baseline,
+                baseline=baseline,
             )  # fmt: skip
         with folder:
             restore(folder, trainer, budget)
@@ -292,10 +290,10 @@ def _train_external(
     evaluations = _Evaluations(job, agent, bound, arena)
     folder = begin_run(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
-        budget=Budget(env_steps=budget), begun=datetime.datetime.now(), baseline=True,
+        budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
     books = Bookkeeping()
-    books.log = log = RunLog(folder, bound)
+    books.log = log = RunLog(folder.path, bound)
 
     def after_step(step: StepRecord) -> None:
         if books.env_steps >= budget:
@@ -318,6 +316,7 @@ def _train_external(
         if (made := books.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
+        log.flush()
         write_results(folder, {}, account=account_of(agent))
 
 

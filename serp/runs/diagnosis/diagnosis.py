@@ -28,7 +28,7 @@ from serp.runs.diagnosis.accuracy import (
 )
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.findings import Finding, Findings
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,6 @@ class Recorded:
         adoption: Which parts of the adapted model were in use, and why others were not.
         env_steps: Env steps of the run.
         learned_from: The reward that its learner used: `domain`, `environment` or `sum`.
-        notice: A sentence if the newest checkpoint is damaged; else None.
     """
 
     run: Path
@@ -55,7 +54,6 @@ class Recorded:
     adoption: ModelAdoption
     env_steps: int
     learned_from: str
-    notice: str | None
 
 
 def read_recorded(run: Path) -> Recorded:
@@ -66,14 +64,13 @@ def read_recorded(run: Path) -> Recorded:
             was changed.
         DomainError: Its copy of the domain is damaged.
     """
-    read = RunModel(run)
+    read = Run(run)
     checkpoint, adaptation = read.checkpoint, read.adaptation
     if not len(adaptation.experience):
         raise RunError(
             f"{run} has no env step in its last checkpoint; train it for a while: "
             f"serp plan-and-learn --resume {run}"
         )
-    damage = checkpoint.fallback
     return Recorded(
         run=run,
         domain=read.domain,
@@ -82,8 +79,7 @@ def read_recorded(run: Path) -> Recorded:
         experience=adaptation.experience,
         adoption=adaptation.adoption,
         env_steps=Saved("run", checkpoint.arrays, checkpoint.meta).whole("env_steps"),
-        learned_from=str(read.folder.metadata["config"].get("learned_from", "")),
-        notice=None if damage is None else f"{damage} This diagnosis uses the one before.",
+        learned_from=str(read.config.get("learned_from", "")),
     )
 
 

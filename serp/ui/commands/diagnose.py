@@ -49,8 +49,6 @@ def command(run: Path, as_json: bool, svg: Path | None) -> None:
     from serp.runs.diagnosis.diagnosis import as_dict, diagnose
 
     diagnosis = diagnose(run)
-    if diagnosis.recorded.notice is not None:
-        say(diagnosis.recorded.notice)
     if as_json:
         print_json(as_dict(diagnosis))
     else:

@@ -50,8 +50,6 @@ def command(run: Path, out: Path | None, force: bool) -> None:
     recorded = read_recorded(run)
     if out is not None:
         _refuse_to_replace(recorded, out, force)
-    if recorded.notice is not None:
-        say(recorded.notice)
     diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
     repaired = repair(recorded.domain, diagnosis.worthwhile)
     console = open_console()

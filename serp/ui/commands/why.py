@@ -13,7 +13,7 @@ from serp.ui.output import examples, open_console, print_json
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.runs.run_model import RunModel
+    from serp.runs.run import Run
     from serp.runs.step_account import StepAccount
 
 
@@ -49,12 +49,12 @@ def command(
     would have had to differ for it. Without a step, the last refused proposal that was applicable
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
-    from serp.runs.run_model import RunModel
+    from serp.runs.run import Run
     from serp.runs.step_account import account_of_step, most_telling
 
     if episode is not None and step is None:
         raise click.UsageError("give --step beside --episode")
-    read, because = RunModel(run), ""
+    read, because = Run(run), ""
     recording = read.recording(evaluation)
     if step is None:
         step, because = most_telling(recording)
@@ -68,7 +68,7 @@ def command(
         _print(open_console(), read, account)
 
 
-def _print(console: Console, run: RunModel, account: StepAccount) -> None:
+def _print(console: Console, run: Run, account: StepAccount) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
     from serp.ui.decision import print_account

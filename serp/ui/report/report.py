@@ -21,7 +21,6 @@ from serp.runs.recording import ACTORS, RECORDING, Recording
 from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
-from serp.runs.run_model import RunModel
 from serp.runs.summary import WINDOW, summarize
 from serp.ui.report import step_data
 from serp.ui.report.recorded_steps import chosen_steps, curve_arrays, recorded_episodes
@@ -38,8 +37,8 @@ class _Page:
     """The page of a run; see `write_report`."""
 
     def __init__(self, run: Run, *, evaluation: str | None, steps: int, pictures: int) -> None:
-        self.run, self.read = run, RunModel(run.path)
-        self.recording = recording = self.read.recording(evaluation)
+        self.run = run
+        self.recording = recording = self.run.recording(evaluation)
         self.recorded = recorded_episodes(recording)
         numbers = 4 * len(recording.layout.fluents) + 6 * len(recording.layout.actions) + 12
         most = max(1, min(steps, 8_000_000 // numbers))
@@ -48,9 +47,9 @@ class _Page:
         with bar("drawing", max(1, count), quiet=False) as advance:
             seeds = _seeds(run, recording, evaluation)
             self.scenes = drawn_scenes(run, shown, seeds, most=pictures, on_picture=advance)
-        model = self.read.model
+        model = self.run.model
         with bar("explaining", max(1, len(shown)), quiet=False) as advance:
-            self.causes = CauseTable(self.read.adapted or model, shown, advance)
+            self.causes = CauseTable(self.run.adapted or model, shown, advance)
         self.errors = model_errors(model, shown, recording.usual_change)
         self.actions = [visible(name) for name in recording.layout.actions]
         self.cards = prevented(shown, self.causes, self.actions)
@@ -65,7 +64,7 @@ class _Page:
         colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
         style = f":root {{ {colors}}}\n" + _text("style.css")
         script = "".join(_text(f"{name}.js") for name in scripts)
-        sources, made = self.read.domain.sources, self.read.folder.metadata
+        sources, made = self.run.domain.sources, self.run.folder.metadata
         version = made["versions"].get("serp")
         return render(
             "serp.ui.report",
@@ -98,7 +97,7 @@ class _Page:
     def _data(self) -> tuple[dict[str, Any], str]:
         """Return the data of the page: JSON values, and packed arrays."""
         steps, scenes = self.steps, self.scenes
-        metrics, model = self.run.metrics, self.read.model
+        metrics, model = self.run.metrics, self.run.model
         card = np.zeros(len(steps), np.uint16)
         for number, each in enumerate(self.cards, 1):
             card[each["steps"]] = number
@@ -113,7 +112,7 @@ class _Page:
         )
         vetoes = np.flatnonzero(steps.vetoed)
         start = int(vetoes[-1]) if len(vetoes) else steps.rows[-1].start if len(steps) else 0
-        sources = self.read.domain.sources
+        sources = self.run.domain.sources
         meta = {
             "layout": order,
             "steps": len(steps),
@@ -161,7 +160,7 @@ class _Page:
             about = {"says": f"vetoes of {card['what']}"}
             if card["cause"] >= 0:
                 cause = self.causes.causes[card["cause"]]
-                about |= step_data.shown_cause(cause, self.read.domain.sources)
+                about |= step_data.shown_cause(cause, self.run.domain.sources)
                 by = "" if cause.origin == "action" else f" by {about['by']}"
                 what = words.get(cause.what, about["label"])
                 about["what"] = f"{card['what']}: {what}{by}"
