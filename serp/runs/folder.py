@@ -15,20 +15,16 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import functools
-import importlib.metadata
 import json
 import os
-import platform
 import re
 import socket
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from serp._util.files import (
     Closing,
@@ -42,8 +38,15 @@ from serp._util.files import (
 from serp.errors import RunError
 from serp.model.domain import problem_beside
 from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
-
-LOCK: Final = ".lock"
+from serp.runs.run_config import (
+    CONFIG,
+    FORMAT,
+    LOCK,
+    RunConfig,
+    machine,
+    read_metadata,
+    versions,
+)
 
 
 class RunLock:
@@ -96,95 +99,6 @@ class RunLock:
         with contextlib.suppress(OSError), open(self._path, "rb") as file:
             return file.read(200).decode("utf-8", "replace").strip() or "another process"
         return "another process"
-
-
-FORMAT = 5
-"""Raised where a run of before cannot be read any more."""
-CONFIG = "config.json"
-
-
-class _Config(BaseModel):
-    """What every ``config.json`` holds, and more."""
-
-    model_config = ConfigDict(strict=True)
-
-    created: str
-    command: list[str]
-    domain_files: dict[str, str]
-    config: dict[str, Any]
-    versions: dict[str, Any]
-    machine: dict[str, Any]
-
-
-def read_config(folder: Path) -> dict[str, Any]:
-    """Read the ``config.json`` of a run: the keys that `RunFolder.create` writes."""
-    if os.path.isfile(folder):
-        raise RunError(f"{folder} is a file; a run is given by its folder.")
-    if not os.path.isdir(folder):
-        raise RunError(f"there is no run {folder}: no such folder.")
-    file = folder / CONFIG
-    if not os.path.isfile(file):
-        if os.path.lexists(folder / LOCK):
-            raise RunError(
-                f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
-                f"nothing to continue. Begin it again, with --out {folder}."
-            )
-        raise RunError(
-            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
-        )
-    about = read_json(file, "Restore it from a copy.")
-    version = about.get("format")
-    if version != FORMAT:
-        versions = about.get("versions")
-        wrote = versions.get("serp") if isinstance(versions, dict) else None
-        raise RunError(
-            f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
-            f"{version!r}, and this one reads format {FORMAT}. Use that version, or train again."
-        )
-    try:
-        _Config.model_validate(about)
-    except ValidationError as error:
-        wrong = error.errors(include_url=False)[0]
-        name = ".".join(map(str, wrong["loc"]))
-        raise RunError(
-            f"{file} was not written by serp, or is damaged: {name}: {wrong['msg']}. Restore it "
-            "from a copy."
-        ) from None
-    return about
-
-
-@functools.cache
-def versions() -> Mapping[str, str | None]:
-    """Return distribution → installed version (None if not installed), without importing any."""
-    packages = (
-        "serp",
-        "numpy",
-        "torch",
-        "gymnasium",
-        "scipy",
-        "unified-planning",
-        "networkx",
-        "pymunk",
-        "safetensors",
-        "stable-baselines3",
-    )
-    found: dict[str, str | None] = {}
-    for name in packages:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
-    return found
-
-
-def machine() -> dict[str, Any]:
-    """Return Python version, operating system, kind of processor and number of cores."""
-    return {
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "platform": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-    }
 
 
 def default_path(domain_name: str) -> Path:
@@ -250,16 +164,20 @@ class RunFolder(Closing):
     Attributes:
         path: The folder.
         metadata: The content of ``config.json``.
+        made: The configuration in it, checked.
     """
 
-    def __init__(self, path: Path, metadata: dict[str, Any], lock: RunLock | None) -> None:
+    def __init__(
+        self, path: Path, metadata: dict[str, Any], made: RunConfig, lock: RunLock | None
+    ) -> None:
         self.path = path
         self.metadata = metadata
+        self.made = made
         self._lock = lock
 
     @classmethod
     def create(
-        cls, path: Path | str, config: Mapping[str, Any], domain_files: Sequence[tuple[str, str]]
+        cls, path: Path | str, config: RunConfig, domain_files: Sequence[tuple[str, str]]
     ) -> RunFolder:
         """Begin a run in a new or empty folder, and lock it for writing.
 
@@ -267,8 +185,7 @@ class RunFolder(Closing):
 
         Args:
             path: The folder; its parents are created.
-            config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
-                its ``seed`` is repeated at the top level of ``config.json``.
+            config: What the training is made of.
             domain_files: Name and text of the domain file and, if there is one, of its problem.
         """
         path = Path(path)
@@ -278,15 +195,15 @@ class RunFolder(Closing):
                 "format": FORMAT,
                 "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
                 "command": sys.argv,
-                "seed": config.get("seed"),
+                "seed": config.seed,
                 "domain_files": {copy: name for copy, (name, _) in copies.items()},
-                "config": dict(config),
+                "config": config.model_dump(mode="json"),
                 "versions": versions(),
                 "machine": machine(),
             }
         )
         make_empty(path)
-        run = cls(path, json.loads(text), RunLock(path))
+        run = cls(path, json.loads(text), config, RunLock(path))
         try:
             # Another process may have begun a run since the folder was checked.
             if os.path.lexists(path / CONFIG):
@@ -305,7 +222,7 @@ class RunFolder(Closing):
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
         """Open an existing run; to continue it (`writing`), lock it."""
         path = Path(path)
-        return cls(path, read_config(path), RunLock(path) if writing else None)
+        return cls(path, *read_metadata(path), RunLock(path) if writing else None)
 
     @property
     def config(self) -> dict[str, Any]:

@@ -28,8 +28,8 @@ from serp.model.transition_model import Vector
 from serp.runs.folder import RunFolder
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import begin_run
+from serp.runs.run_config import Budget
 from serp.runs.run_log import Bookkeeping, RunLog
-from serp.runs.trainer import Budget
 from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Judge, Task

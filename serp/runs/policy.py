@@ -26,8 +26,9 @@ from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
 from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
-from serp.runs.folder import CONFIG, RunFolder, make_empty, refuse_occupied
+from serp.runs.folder import RunFolder, make_empty, refuse_occupied
 from serp.runs.run import Run, content_digests, load_run
+from serp.runs.run_config import CONFIG
 from serp.tasks.file_world import WorldOptions
 from serp.tasks.task import BoundTask, Task
 
@@ -227,7 +228,7 @@ def _vector(given: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
 
 def _task(run: Run, about: Mapping[str, Any]) -> Task:
     """Return the task of a policy, whose environment has spaces and nothing else."""
-    made, model, size = run.made, run.model, len(about["observation"])
+    made, model, size = run.folder.made, run.model, len(about["observation"])
     groups = enumerate(about["ground_actions"])
     return Task(
         make_env=lambda: _Spaces(size, len(about["actions"])),

@@ -16,7 +16,8 @@ from rich.progress import Progress as Bar
 from serp._util.terminal import open_console, visible
 from serp._util.text import duration, percent, readable
 from serp.agent.decision import Actor
-from serp.runs.trainer import Budget, Trainer
+from serp.runs.run_config import Budget
+from serp.runs.trainer import Trainer
 
 _MEMORY: Final = 30.0
 """Seconds over which the speed, and the share of the planner, are measured."""

@@ -10,22 +10,14 @@ import json
 import os
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    NonNegativeInt,
-    ValidationError,
-)
 
 from serp._util.files import read_regular
-from serp._util.numbers import COUNTED, seed_of, whole
+from serp._util.numbers import seed_of, whole
 from serp._util.processes import one_thread
 from serp._util.saved_state import Saved
 from serp._util.terminal import bar
@@ -37,42 +29,14 @@ from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel
 from serp.runs.checkpoint import CHECKPOINT, Checkpoint
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
-from serp.runs.folder import CONFIG, METRICS, RunFolder
+from serp.runs.folder import METRICS, RunFolder
 from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
+from serp.runs.run_config import CONFIG, Budget, RunConfig
 from serp.runs.tables import read_metrics
-from serp.runs.trainer import Budget
 from serp.settings import Settings
-from serp.tasks.file_world import WorldOptions, world_task
+from serp.tasks.file_world import world_task
 from serp.tasks.registry import load_task
 from serp.tasks.task import BoundTask, Task, reward_source
-
-
-class RunMetadata(BaseModel):
-    """The part of a run's configuration that it is read back with."""
-
-    model_config = ConfigDict(frozen=True, strict=True)
-
-    task: str
-    """Name of the task."""
-    seed: NonNegativeInt
-    """Seed of everything random."""
-    reward: Literal["domain", "environment"]
-    """The source of the reward that the task declares."""
-    control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """Seconds between two decisions."""
-    settings: Annotated[Settings, BeforeValidator(Settings.from_dict)]
-    """All settings."""
-    budget: Annotated[Budget, BeforeValidator(Budget.from_dict)]
-    """The budget that the run began with."""
-    observed: list[str] | None = []
-    """Fluents that the environment gives although the problem's `:init` states them. None: all
-    states can be reached from there, see `Task.closed`."""
-    max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
-    """Limit on the size of each grounded domain."""
-    world: Annotated[WorldOptions, BeforeValidator(WorldOptions.from_dict)] | None = None
-    """What the environment was made with, if it was made of the file itself."""
-    baseline: bool = False
-    """Whether the learner always acts and nothing is refused, see `serp.agent.agent.Agent`."""
 
 
 def begin_run(
@@ -86,38 +50,24 @@ def begin_run(
     baseline: bool = False,
 ) -> RunFolder:
     """Begin a run in a new or empty folder, and lock it for writing."""
-    config = {
-        "task": task.name,
-        "domain": task.domain.name,
-        "observed": None if task.task.closed else sorted(task.domain.supplied or ()),
-        "world": None if task.task.world is None else task.task.world.as_dict(),
-        "max_ground_schemas": task.domain.max_ground_schemas,
-        "preset": preset,
-        "seed": seed,
-        "baseline": baseline,
-        "reward": task.rewarded_by,
-        "learned_from": reward_source(task.rewarded_by, settings),
-        "file_rewards": task.model.rewarding,
-        "control_period": task.model.dt,
-        "budget": budget.as_dict(),
-        "settings": settings.as_dict(),
-    }
+    config = RunConfig(
+        task=task.name,
+        domain=task.domain.name,
+        observed=None if task.task.closed else sorted(task.domain.supplied or ()),
+        world=task.task.world,
+        max_ground_schemas=task.domain.max_ground_schemas,
+        preset=preset,
+        seed=seed,
+        baseline=baseline,
+        reward=task.rewarded_by,
+        learned_from=reward_source(task.rewarded_by, settings),
+        file_rewards=task.model.rewarding,
+        control_period=task.model.dt,
+        budget=budget,
+        settings=settings,
+    )
     texts = [(source.name, source.text) for source in task.domain.sources]
     return RunFolder.create(path, config, texts)
-
-
-def read_run_metadata(folder: RunFolder) -> RunMetadata:
-    """Read a run's configuration; raise `RunError` if a value is missing or wrong."""
-    try:
-        return RunMetadata.model_validate(folder.config)
-    except (ValidationError, SettingsError) as error:
-        what = str(error)
-        if isinstance(error, ValidationError):
-            first = error.errors(include_url=False)[0]
-            what = f"{first['loc'][0]}: {first['msg']}"
-        raise RunError(
-            f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
-        ) from error
 
 
 def content_digests(folder: RunFolder) -> dict[str, str]:
@@ -222,11 +172,6 @@ class Run:
         return self.folder.read_summary()
 
     @functools.cached_property
-    def made(self) -> RunMetadata:
-        """The configuration, checked."""
-        return read_run_metadata(self.folder)
-
-    @functools.cached_property
     def domain(self) -> Domain:
         """The run's copy of the domain.
 
@@ -236,7 +181,7 @@ class Run:
         """
         if self.folder.has_checkpoint:
             refuse_changes(self.folder, self.checkpoint)
-        observed, limit = self.made.observed, self.made.max_ground_schemas
+        observed, limit = self.folder.made.observed, self.folder.made.max_ground_schemas
         domain = load_domain(
             *self.folder.copies(), observed=observed is not None, max_ground_schemas=limit
         )
@@ -245,7 +190,7 @@ class Run:
     @functools.cached_property
     def model(self) -> TransitionModel:
         """The domain's transition model as written, with the task's control period."""
-        return self.domain.model.replace(dt=self.made.control_period)
+        return self.domain.model.replace(dt=self.folder.made.control_period)
 
     @functools.cached_property
     def checkpoint(self) -> Checkpoint:
@@ -266,7 +211,8 @@ class Run:
         refuse_changes(self.folder, self.checkpoint)
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
-            agent = Agent(bound, self.made.settings, self.made.seed, baseline=self.made.baseline)
+            made = self.folder.made
+            agent = Agent(bound, made.settings, made.seed, baseline=made.baseline)
         with reading(self.folder, self.checkpoint) as saved:
             agent.load_state_dict(self.checkpoint.arrays, saved.part("agent")[1])
         return agent
@@ -280,7 +226,7 @@ class Run:
         """
         # Nothing is drawn after loading, so any seed will do.
         unused = np.random.SeedSequence(0)
-        adaptation = ModelAdaptation(self.model, self.made.settings.adaptation, unused)
+        adaptation = ModelAdaptation(self.model, self.folder.made.settings.adaptation, unused)
         adaptation.load_state_dict(*self.saved_agent.part("adaptation"))
         return adaptation
 
@@ -440,7 +386,7 @@ def task_of_run(folder: RunFolder, task: Task | None = None) -> Task:
     By default it is the world that the run's files describe, if it was trained on that, else the
     installed task of that name.
     """
-    made = read_run_metadata(folder)
+    made = folder.made
     if task is not None and task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
     limit = made.max_ground_schemas

@@ -30,14 +30,14 @@ from serp.runs.run import (
     Run,
     begin_run,
     content_digests,
-    read_run_metadata,
     reading,
     refuse_changes,
     task_of_run,
 )
+from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
-from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
+from serp.runs.trainer import Callbacks, OnEpisode, Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Task, describe_source
@@ -165,7 +165,7 @@ def continue_training(
     folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
 ) -> Run:
     """Continue a run from its newest checkpoint, as if it had not been interrupted."""
-    made = read_run_metadata(folder)
+    made = folder.made
     with Trainer(task, made.settings, made.seed, baseline=made.baseline) as trainer:
         before = restore(folder, trainer, made.budget)
         limits = budget if budget.limits else before

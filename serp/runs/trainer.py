@@ -6,11 +6,10 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
@@ -21,35 +20,8 @@ from serp.model.transition_model import StateError
 from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import Bookkeeping
 from serp.runs.tables import MetricsRow
-from serp.settings import Section, Settings
+from serp.settings import Settings
 from serp.tasks.task import BoundTask, Judge
-
-Limit = Annotated[int, Field(ge=1)] | None
-
-
-class Budget(Section):
-    """Limits of a training, counted from the run's beginning; it ends when it reaches one."""
-
-    episodes: Limit = None
-    """Number of complete episodes; None for no limit."""
-    env_steps: Limit = None
-    """Number of env steps; the episode that reaches it is finished. None for no limit."""
-
-    @property
-    def limits(self) -> dict[str, int]:
-        """The limits that there are, by name."""
-        return {name: limit for name, limit in self if limit is not None}
-
-    @staticmethod
-    def counts(trainer: Trainer) -> dict[str, int]:
-        """Return the counts of a training by the names of their limits."""
-        return {"episodes": trainer.episode, "env_steps": trainer.env_steps}
-
-    def spent_by(self, trainer: Trainer) -> bool:
-        """Return whether a limit is reached."""
-        counts = self.counts(trainer)
-        return any(counts[name] >= limit for name, limit in self.limits.items())
-
 
 OnEpisode = Callable[[MetricsRow], None]
 """Called with the row of the metrics of every episode, after the episode."""

@@ -34,7 +34,7 @@ from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
-from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY, RunFolder
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
 from serp.runs.rollout import (
@@ -43,10 +43,11 @@ from serp.runs.rollout import (
     training_seed,
 )
 from serp.runs.run import begin_run
+from serp.runs.run_config import CONFIG, Budget
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
 from serp.runs.train import restore, train
-from serp.runs.trainer import Budget, Callbacks, Trainer
+from serp.runs.trainer import Callbacks, Trainer
 from serp.settings import Settings
 from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Task

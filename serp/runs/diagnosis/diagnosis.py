@@ -74,12 +74,12 @@ def read_recorded(run: Path) -> Recorded:
     return Recorded(
         run=run,
         domain=read.domain,
-        files={str(k): str(v) for k, v in read.folder.metadata["domain_files"].items()},
+        files=read.folder.metadata["domain_files"],
         model=read.model,
         experience=adaptation.experience,
         adoption=adaptation.adoption,
         env_steps=Saved("run", checkpoint.arrays, checkpoint.meta).whole("env_steps"),
-        learned_from=str(read.config.get("learned_from", "")),
+        learned_from=read.folder.made.learned_from,
     )
 
 

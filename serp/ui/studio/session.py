@@ -10,8 +10,8 @@ from pathlib import Path
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Place, Source
-from serp.runs.folder import CONFIG, RunFolder
-from serp.runs.run import read_run_metadata
+from serp.runs.folder import RunFolder
+from serp.runs.run_config import CONFIG
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
 from serp.tasks.task import Task
@@ -155,7 +155,7 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """
     if (Path(name) / CONFIG).is_file():
         run = RunFolder.open(Path(name))
-        made, (copy, other) = read_run_metadata(run), run.copies()
+        made, (copy, other) = run.made, run.copies()
         title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
         return Session(
             Document(copy, folder, f"{title}.pddl"),

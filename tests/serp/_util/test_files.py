@@ -10,8 +10,10 @@ import pytest
 from serp._util.files import aside_of, write_durably, write_together
 from serp.errors import RunError
 from serp.runs.checkpoint import CHECKPOINT, save
-from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY, RunFolder
+from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
+from serp.runs.run_config import LOCK
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
+from tests.serp.runs.test_folder import CONFIG
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
@@ -56,7 +58,7 @@ def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
     secret = tmp_path / "secret"
     for name in [*READ, *WRITTEN]:
         path = tmp_path / f"run-{name}"
-        RunFolder.create(path, {"seed": 1}, [("d.pddl", "(define (domain d))")]).close()
+        RunFolder.create(path, CONFIG, [("d.pddl", "(define (domain d))")]).close()
         save(path / CHECKPOINT, {}, {})
         for table, columns in TABLES.items():
             Table(path / table, columns).close()

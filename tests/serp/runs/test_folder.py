@@ -10,8 +10,14 @@ import pytest
 
 from serp.errors import RunError
 from serp.runs.folder import RunFolder, default_path
+from serp.runs.run_config import Budget, RunConfig
+from serp.settings import Settings
 
-CONFIG = {"seed": 3, "domain": "cartpole", "settings": {"r_min": "-inf", "layers": (64, 64)}}
+CONFIG = RunConfig(
+    task="cartpole", domain="cartpole", max_ground_schemas=9, preset="default", seed=3,
+    reward="domain", learned_from="domain", file_rewards=True, control_period=0.02,
+    budget=Budget(), settings=Settings(),
+)  # fmt: skip
 DOMAIN = ("cartpole.pddl", "(define (domain cartpole))")
 
 
@@ -23,7 +29,8 @@ def about(**other):
     """A ``config.json`` in which one thing is another."""
     whole = {
         "format": 5, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
-        "domain_files": {"domain.pddl": "d.pddl"}, "config": {}, "versions": {}, "machine": {},
+        "domain_files": {"domain.pddl": "d.pddl"}, "versions": {}, "machine": {},
+        "config": CONFIG.model_dump(mode="json"),
     }  # fmt: skip
     return json.dumps(whole | other)
 
@@ -74,6 +81,7 @@ def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, na
         (about(format=99, versions={"serp": "9.1.0"}), r"another version of serp \(9\.1\.0\)"),
         ('{"format": 5, "config": {}}', "was not written by serp"),
         (about(command=["serp", 3]), r"damaged: command\.1: Input should be a valid string"),
+        (about(config=about()), r"damaged: config: Input should be"),
     ],
 )
 def test_what_is_no_run_is_refused(tmp_path, content, message):

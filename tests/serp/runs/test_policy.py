@@ -20,8 +20,9 @@ from serp.errors import RunError
 from serp.runs import checkpoint
 from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.evaluation import play
-from serp.runs.folder import CONFIG, RunFolder
+from serp.runs.folder import RunFolder
 from serp.runs.run import content_digests
+from serp.runs.run_config import CONFIG
 from tests.serp.runs.runs import without_pictures
 
 STEPS = {"cartpole": 400, "soccer": 300, "taxi": 300, "tea": 200}
