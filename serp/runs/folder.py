@@ -1,4 +1,4 @@
-"""The run folder, which one process at a time writes and any process reads.
+"""The folder of a run, which one process at a time writes and any process reads.
 
 ``config.json``             resolved configuration, seed, command, versions, machine
 ``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
@@ -15,37 +15,23 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import json
 import os
 import re
 import socket
-import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from filelock import FileLock, Timeout
 
 from serp._util.files import (
-    Closing,
     cannot_write,
-    json_text,
-    read_json,
     refuse_hard_link,
     require_regular,
-    write_durably,
 )
 from serp.errors import RunError
-from serp.model.domain import problem_beside
-from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 from serp.runs.run_config import (
     CONFIG,
-    FORMAT,
     LOCK,
-    RunConfig,
-    machine,
-    read_metadata,
-    versions,
 )
 
 
@@ -155,104 +141,5 @@ def occupied(path: Path) -> RunError:
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
-_COPIES: Final = ("domain.pddl", "problem.pddl")
-
-
-class RunFolder(Closing):
-    """The files of a run; `create` or `open` returns one. A context manager.
-
-    Attributes:
-        path: The folder.
-        metadata: The content of ``config.json``.
-        made: The configuration in it, checked.
-    """
-
-    def __init__(
-        self, path: Path, metadata: dict[str, Any], made: RunConfig, lock: RunLock | None
-    ) -> None:
-        self.path = path
-        self.metadata = metadata
-        self.made = made
-        self._lock = lock
-
-    @classmethod
-    def create(
-        cls, path: Path | str, config: RunConfig, domain_files: Sequence[tuple[str, str]]
-    ) -> RunFolder:
-        """Begin a run in a new or empty folder, and lock it for writing.
-
-        After a failure, the run can be begun again in the same folder.
-
-        Args:
-            path: The folder; its parents are created.
-            config: What the training is made of.
-            domain_files: Name and text of the domain file and, if there is one, of its problem.
-        """
-        path = Path(path)
-        copies = dict(zip(_COPIES, domain_files, strict=False))
-        text = json_text(
-            {
-                "format": FORMAT,
-                "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
-                "command": sys.argv,
-                "seed": config.seed,
-                "domain_files": {copy: name for copy, (name, _) in copies.items()},
-                "config": config.model_dump(mode="json"),
-                "versions": versions(),
-                "machine": machine(),
-            }
-        )
-        make_empty(path)
-        run = cls(path, json.loads(text), config, RunLock(path))
-        try:
-            # Another process may have begun a run since the folder was checked.
-            if os.path.lexists(path / CONFIG):
-                raise occupied(path)
-            for name in _COPIES:  # of a run that was stopped before its beginning
-                (path / name).unlink(missing_ok=True)
-            for copy, (_, content) in copies.items():
-                write_durably(path / copy, content.encode())
-            write_durably(path / CONFIG, text)  # last, because it makes the folder a run
-        except BaseException:
-            run.close()
-            raise
-        return run
-
-    @classmethod
-    def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Open an existing run; to continue it (`writing`), lock it."""
-        path = Path(path)
-        return cls(path, *read_metadata(path), RunLock(path) if writing else None)
-
-    @property
-    def config(self) -> dict[str, Any]:
-        """The resolved configuration that `create` was given."""
-        config: dict[str, Any] = self.metadata["config"]
-        return config
-
-    def copies(self) -> tuple[Path, Path | None]:
-        """Return the copies of the domain and of its problem, None if it has none."""
-        domain, problem = _COPIES
-        file = require_regular(self.path / domain)
-        require_regular(problem_beside(file))  # perhaps not written by serp, but it would be loaded
-        if problem not in self.metadata["domain_files"]:
-            return file, None
-        return file, require_regular(self.path / problem)
-
-    @property
-    def has_checkpoint(self) -> bool:
-        """Whether the run has saved a checkpoint; one that another library drives has none."""
-        return (self.path / CHECKPOINT).exists()
-
-    def load_checkpoint(self) -> Checkpoint:
-        """Read the checkpoint."""
-        return load(self.path / CHECKPOINT)
-
-    def read_summary(self) -> dict[str, Any]:
-        """Read ``summary.json``."""
-        return read_json(self.path / SUMMARY, "It is written when the run ends.")
-
-    def close(self) -> None:
-        """Release the lock; a second call does nothing."""
-        if self._lock is not None:
-            self._lock.release()
+COPIES: Final = ("domain.pddl", "problem.pddl")
+"""Names of the copies of the domain file and, if there is one, of its problem file."""

@@ -25,9 +25,8 @@ from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
-from serp.runs.folder import RunFolder
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
-from serp.runs.run import begin_run
+from serp.runs.run import Run
 from serp.runs.run_config import Budget
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.settings import resolve
@@ -285,12 +284,12 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
                 bound.on_notice(agent.adaptation.notice)
             Bookkeeping.__init__(self)
             ArbitratedEnv.__init__(self, bound, agent, seed, training_seed)
-            self._folder: RunFolder | None = None
+            self._run: Run | None = None
             if out is not None:
-                self._folder = begin_run(
+                self._run = Run.begin(
                     Path(out), bound, resolved, preset=preset, seed=seed, budget=Budget()
                 )
-                self.log = RunLog(self._folder.path, bound)
+                self.log = RunLog(self._run.path, bound)
         except BaseException:
             bound.close()
             raise
@@ -361,14 +360,14 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
-        if self._folder is not None and self.log is not None:
+        if self._run is not None and self.log is not None:
             from serp.runs.results import write_results
 
-            with self._folder, self.log:
+            with self._run, self.log:
                 self.log.flush()
                 account = account_of(self._agent)
-                write_results(self._folder, self.tally.vetoes_by_reason(), account)
-            self._folder = self.log = None
+                write_results(self._run, self.tally.vetoes_by_reason(), account)
+            self._run = self.log = None
         super().close()
 
 

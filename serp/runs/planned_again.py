@@ -72,11 +72,11 @@ def planned_again(
 
 
 def _candidates(run: Run) -> Iterator[ChosenPlanner]:
-    settings = run.folder.made.settings.planner
+    settings = run.made.settings.planner
     make = FarSightPlanner if settings.name == "far-sight" else Lookahead
     written = make(run.model, settings)
     yield ChosenPlanner(written, run.model, settings, "the file as written", seconds=_SECONDS)
-    if not run.folder.has_checkpoint or (make is Lookahead and run.adapted is None):
+    if not run.has_checkpoint or (make is Lookahead and run.adapted is None):
         return
     model = run.adaptation.model
     planner = make(model, settings)
@@ -97,7 +97,7 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
     if ground < 0:
         return None
     actions = ActionMap(run.model, len(run.model.actions))
-    vetoes = VetoPolicy(actions, run.folder.made.settings.arbiter)
+    vetoes = VetoPolicy(actions, run.made.settings.arbiter)
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
 
 

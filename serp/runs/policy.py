@@ -26,8 +26,8 @@ from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
 from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
-from serp.runs.folder import RunFolder, make_empty, refuse_occupied
-from serp.runs.run import Run, content_digests, load_run
+from serp.runs.folder import make_empty, refuse_occupied
+from serp.runs.run import Run, load_run
 from serp.runs.run_config import CONFIG
 from serp.tasks.file_world import WorldOptions
 from serp.tasks.task import BoundTask, Task
@@ -71,17 +71,16 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)
     make_empty(folder)
-    for file in run.folder.copies():
-        if file is not None:
-            write_durably(folder / file.name, file.read_bytes())
+    for file in run.copies():
+        write_durably(folder / file.name, file.read_bytes())
     config = {**run.config, "policy": about}
-    write_durably(folder / CONFIG, json_text({**run.folder.metadata, "config": config}))
+    write_durably(folder / CONFIG, json_text({**run.metadata, "config": config}))
     if type(agent.learner) is DQN and find_spec("onnx") is not None:
         write_durably(folder / NETWORK, agent.learner.as_onnx())
     whole = {
         "agent": meta,
         "environments": run.checkpoint.meta["environments"],
-        "made_of": content_digests(RunFolder.open(folder)),
+        "made_of": Run(folder).digests(),
     }
     checkpoint.save(folder / checkpoint.CHECKPOINT, arrays, whole)
     return folder
@@ -228,7 +227,7 @@ def _vector(given: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
 
 def _task(run: Run, about: Mapping[str, Any]) -> Task:
     """Return the task of a policy, whose environment has spaces and nothing else."""
-    made, model, size = run.folder.made, run.model, len(about["observation"])
+    made, model, size = run.made, run.model, len(about["observation"])
     groups = enumerate(about["ground_actions"])
     return Task(
         make_env=lambda: _Spaces(size, len(about["actions"])),

@@ -9,7 +9,8 @@ from typing import Any
 from serp._util.files import finite, json_text, write_durably
 from serp._util.text import duration, plural, readable
 from serp.errors import MissingExtra, Notice, needs_extra
-from serp.runs.folder import METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY
+from serp.runs.run import Run
 from serp.runs.summary import FIRST, WINDOW, summarize
 from serp.runs.tables import read_metrics
 
@@ -39,7 +40,7 @@ def lead(summary: Mapping[str, Any]) -> str:
 
 
 def write_results(
-    run: RunFolder,
+    run: Run,
     vetoes_by_reason: Mapping[str, int],
     account: Mapping[str, Any] | None = None,
 ) -> None:

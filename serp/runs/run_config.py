@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import datetime
 import functools
 import importlib.metadata
 import os
 import platform
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeInt, ValidationError
 
-from serp._util.files import read_json
+from serp._util.files import json_text, read_json, write_durably
 from serp._util.numbers import COUNTED
 from serp.errors import RunError, SettingsError
 from serp.settings import Section, Settings
@@ -109,8 +111,29 @@ class _Metadata(BaseModel):
     machine: dict[str, Any]
 
 
+def write_metadata(folder: Path, config: RunConfig, domain_files: Mapping[str, str]) -> None:
+    """Write the ``config.json`` of a run that begins, on this machine by this command.
+
+    Args:
+        folder: The folder of the run.
+        config: What the training is made of.
+        domain_files: Name of each copy in the run → name of the original file.
+    """
+    metadata = {
+        "format": FORMAT,
+        "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        "command": sys.argv,
+        "seed": config.seed,
+        "domain_files": dict(domain_files),
+        "config": config.model_dump(mode="json"),
+        "versions": versions(),
+        "machine": machine(),
+    }
+    write_durably(folder / CONFIG, json_text(metadata))
+
+
 def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
-    """Read the ``config.json`` of a run: what `RunFolder.create` writes, the configuration checked.
+    """Read the ``config.json`` of a run: what `write_metadata` wrote, the configuration checked.
 
     Raises:
         RunError: There is none, or a value is missing or wrong.

@@ -244,7 +244,7 @@ def account_of_step(run: Run, recording: Recording, step: int, because: str = ""
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,
-        discount=run.folder.made.settings.planner.discount,
+        discount=run.made.settings.planner.discount,
     )  # fmt: skip
     observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(

@@ -24,16 +24,9 @@ from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.model.transition_model import StateError
 from serp.runs import checkpoint
-from serp.runs.folder import METRICS, RunFolder, default_path, refuse_occupied
+from serp.runs.folder import METRICS, default_path, refuse_occupied
 from serp.runs.progress import Progress
-from serp.runs.run import (
-    Run,
-    begin_run,
-    content_digests,
-    reading,
-    refuse_changes,
-    task_of_run,
-)
+from serp.runs.run import Run
 from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
@@ -127,21 +120,20 @@ def stop_between_episodes() -> Iterator[Stopping]:
             signal.signal(number, handler)
 
 
-def restore(folder: RunFolder, trainer: Trainer, before: Budget) -> Budget:
+def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
     """Restore the checkpoint, if there is one; return the budget of the run."""
-    metrics = folder.path / METRICS
+    metrics = run.path / METRICS
     # A run without a checkpoint and without an episode was stopped before it began.
-    if folder.has_checkpoint or (metrics.exists() and len(read_metrics(metrics)["episode"])):
-        saved = folder.load_checkpoint()
-        refuse_changes(folder, saved)
-        with reading(folder, saved) as values:
+    if run.has_checkpoint or (metrics.exists() and len(read_metrics(metrics)["episode"])):
+        saved = run.read_checkpoint()
+        with run.reading(saved) as values:
             trainer.load_state_dict(*saved)
             before = Budget.from_dict(values.part("budget")[1])
     return before
 
 
 @contextlib.contextmanager
-def advice_to_resume(folder: RunFolder) -> Iterator[None]:
+def advice_to_resume(run: Run) -> Iterator[None]:
     """Add to any error of a training how to continue it, if that is possible.
 
     Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
@@ -151,29 +143,29 @@ def advice_to_resume(folder: RunFolder) -> Iterator[None]:
     except (SettingsError, StateError):
         raise
     except (Exception, KeyboardInterrupt) as error:
-        if folder.has_checkpoint:
-            kept = f"The run up to the last checkpoint is kept in {folder.path}. "
+        if run.has_checkpoint:
+            kept = f"The run up to the last checkpoint is kept in {run.path}. "
             error.add_note(
                 f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
-                f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
-                f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
+                f"  serp plan-and-learn --resume {shlex.quote(str(run.path))}\n"
+                f"or, in Python, plan_and_learn(task, out={str(run.path)!r}, resume=True)"
             )
         raise
 
 
 def continue_training(
-    folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
+    run: Run, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
 ) -> Run:
     """Continue a run from its newest checkpoint, as if it had not been interrupted."""
-    made = folder.made
+    made = run.made
     with Trainer(task, made.settings, made.seed, baseline=made.baseline) as trainer:
-        before = restore(folder, trainer, made.budget)
+        before = restore(run, trainer, made.budget)
         limits = budget if budget.limits else before
-        return train(folder, trainer, limits, callbacks, quiet=quiet)
+        return train(run, trainer, limits, callbacks, quiet=quiet)
 
 
 def train(
-    folder: RunFolder,
+    run: Run,
     trainer: Trainer,
     budget: Budget,
     callbacks: Callbacks,
@@ -185,8 +177,8 @@ def train(
     if not budget.limits:
         budget = Budget(env_steps=settings.env_steps)
     before = trainer.env_steps
-    digests = content_digests(folder)
-    progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
+    digests = run.digests()
+    progress = Progress(trainer, budget, f"{trainer.task.name} → {run.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
 
     def save() -> float:
@@ -195,11 +187,11 @@ def train(
         arrays, meta = trainer.state_dict()
         log.flush()
         meta |= {"budget": budget.as_dict(), "made_of": digests}
-        checkpoint.save(folder.path / checkpoint.CHECKPOINT, arrays, meta)
+        checkpoint.save(run.path / checkpoint.CHECKPOINT, arrays, meta)
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
-    with advice_to_resume(folder), stop_between_episodes() as stopping:
+    with advice_to_resume(run), stop_between_episodes() as stopping:
 
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
@@ -212,7 +204,7 @@ def train(
             progress.refresh()
 
         trainer.on_step = after_step
-        log = RunLog(folder.path, trainer.task, trainer.env_steps, trainer.episode)
+        log = RunLog(run.path, trainer.task, trainer.env_steps, trainer.episode)
         with log, one_thread(), progress:
             trainer.log = log
             task = trainer.task
@@ -243,16 +235,16 @@ def train(
 
         account = account_of(trainer.agent)
         vetoes = trainer.tally.vetoes_by_reason()
-        write_results(folder, vetoes, account)
+        write_results(run, vetoes, account)
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
             raise Interrupted(
                 f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "
-                f"everything is saved in {folder.path}.",
+                f"everything is saved in {run.path}.",
                 stopping.signal,
             )
-    return Run(folder.path, trainer.task.task)
+    return run
 
 
 def plan_and_learn(
@@ -307,12 +299,9 @@ def plan_and_learn(
     if resume:
         if out is None:
             raise RunError("to resume, name the run's folder (--out RUN)")
-        folder = RunFolder.open(out, writing=True)
-        with folder:
-            # The run has its own copy of the domain.
-            own = task_of_run(folder, None if isinstance(task, str) else task)
-            with own.bind() as bound:
-                return continue_training(folder, bound, budget, callbacks, quiet=quiet)
+        own = None if isinstance(task, str) else task
+        with Run(Path(out), own).lock() as run, run.task.bind() as bound:
+            return continue_training(run, bound, budget, callbacks, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
@@ -323,6 +312,6 @@ def plan_and_learn(
         path = Path(out) if out is not None else default_path(bound.name)
         with (
             Trainer(bound, resolved, seed) as trainer,
-            begin_run(path, bound, resolved, preset=preset, seed=seed, budget=budget) as folder,
+            Run.begin(path, bound, resolved, preset=preset, seed=seed, budget=budget) as run,
         ):
-            return train(folder, trainer, budget, callbacks, quiet=quiet)
+            return train(run, trainer, budget, callbacks, quiet=quiet)

@@ -88,7 +88,7 @@ def main() -> None:
     for path in parser.parse_args().runs:
         run = Run(path)
         seen, predicted = replayed(
-            run.model, run.folder.made.settings.adaptation, run.adaptation.experience
+            run.model, run.made.settings.adaptation, run.adaptation.experience
         )
         newest = slice(len(seen) * 4 // 5, None)
         print(f"## {path.name}: {len(seen)} steps, {int(seen[:, 1].sum())} ends\n")

@@ -34,7 +34,7 @@ from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
-from serp.runs.folder import METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
 from serp.runs.rollout import (
@@ -42,7 +42,7 @@ from serp.runs.rollout import (
     evaluation_seed,
     training_seed,
 )
-from serp.runs.run import begin_run
+from serp.runs.run import Run
 from serp.runs.run_config import CONFIG, Budget
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
@@ -120,13 +120,13 @@ class Job:
         Raises:
             RunError: It was not.
         """
-        folder = RunFolder.open(self.folder)
+        run = Run(self.folder)
         domain = self.task.load()
-        copies = [file.read_text("utf-8") for file in folder.copies() if file is not None]
+        copies = [file.read_text("utf-8") for file in run.copies()]
         seed, settings = self.trial.seed, json.loads(json.dumps(self.settings.as_dict()))
         parts = {
-            "settings": folder.config.get("settings") != settings,
-            "seed": folder.config.get("seed") != seed,
+            "settings": run.config["settings"] != settings,
+            "seed": run.made.seed != seed,
             "domain file": copies != [source.text for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
@@ -181,21 +181,21 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
                 raise Interrupted(f"stopped after {trainer.env_steps} env steps", 0)
 
         if job.begun:
-            folder = RunFolder.open(job.folder, writing=True)
+            run = Run(job.folder).lock()
         else:
-            folder = begin_run(
+            run = Run.begin(
                 job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
                 baseline=baseline,
             )  # fmt: skip
-        with folder:
-            restore(folder, trainer, budget)
+        with run:
+            restore(run, trainer, budget)
             if job.protocol.points(trainer.env_steps) & evaluations.due:
                 raise RunError(
                     f"{job.folder} went on without the evaluations of this comparison, or one of "
                     "them failed. Remove it to run the trial from the beginning."
                 )
             callbacks = Callbacks(after_step, after_episode)
-            train(folder, trainer, budget, callbacks, quiet=True)
+            train(run, trainer, budget, callbacks, quiet=True)
 
 
 class ExternalEnv(TaskEnv):
@@ -289,12 +289,12 @@ def _train_external(
         Learner, _ExternalLearner(external, job.algorithm.name, bound.actions.size)
     )
     evaluations = _Evaluations(job, agent, bound, arena)
-    folder = begin_run(
+    run = Run.begin(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
     books = Bookkeeping()
-    books.log = log = RunLog(folder.path, bound)
+    books.log = log = RunLog(run.path, bound)
 
     def after_step(step: StepRecord) -> None:
         if books.env_steps >= budget:
@@ -311,14 +311,14 @@ def _train_external(
                 evaluations.evaluate(made)
 
     env.on_step = after_step
-    with folder, log:
+    with run, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if (made := books.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
         log.flush()
-        write_results(folder, {}, account=account_of(agent))
+        write_results(run, {}, account=account_of(agent))
 
 
 class _Evaluations:
@@ -459,5 +459,5 @@ def read_trial(job: Job) -> Record:
         job.trial,
         {name: column[within] for name, column in metrics.items()},
         read_evaluations(job.folder),
-        RunFolder.open(job.folder).metadata["versions"],
+        Run(job.folder).metadata["versions"],
     )

@@ -74,12 +74,12 @@ def read_recorded(run: Path) -> Recorded:
     return Recorded(
         run=run,
         domain=read.domain,
-        files=read.folder.metadata["domain_files"],
+        files=read.metadata["domain_files"],
         model=read.model,
         experience=adaptation.experience,
         adoption=adaptation.adoption,
         env_steps=Saved("run", checkpoint.arrays, checkpoint.meta).whole("env_steps"),
-        learned_from=read.folder.made.learned_from,
+        learned_from=read.made.learned_from,
     )
 
 

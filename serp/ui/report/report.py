@@ -64,7 +64,7 @@ class _Page:
         colors = "".join(f"--{name}: light-dark({a}, {b}); " for name, (a, b) in PALETTE.items())
         style = f":root {{ {colors}}}\n" + _text("style.css")
         script = "".join(_text(f"{name}.js") for name in scripts)
-        sources, made = self.run.domain.sources, self.run.folder.metadata
+        sources, made = self.run.domain.sources, self.run.metadata
         version = made["versions"].get("serp")
         return render(
             "serp.ui.report",

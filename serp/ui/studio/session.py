@@ -10,7 +10,7 @@ from pathlib import Path
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Place, Source
-from serp.runs.folder import RunFolder
+from serp.runs.run import Run
 from serp.runs.run_config import CONFIG
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_entries, task_of
@@ -154,12 +154,12 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     `folder` the working folder; `own` the task of `--task`.
     """
     if (Path(name) / CONFIG).is_file():
-        run = RunFolder.open(Path(name))
-        made, (copy, other) = run.made, run.copies()
+        run = Run(Path(name))
+        made, (copy, *others) = run.made, run.copies()
         title, observed = Domain.parse(Source.read(copy)).name, made.observed is not None
         return Session(
             Document(copy, folder, f"{title}.pddl"),
-            None if other is None else Document(other, folder, f"{title}-problem.pddl"),
+            Document(others[0], folder, f"{title}-problem.pddl") if others else None,
             Surroundings(
                 made.control_period, made.settings.planner, observed, frozenset(made.observed or ())
             ),

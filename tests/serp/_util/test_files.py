@@ -10,17 +10,17 @@ import pytest
 from serp._util.files import aside_of, write_durably, write_together
 from serp.errors import RunError
 from serp.runs.checkpoint import CHECKPOINT, save
-from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
+from serp.runs.folder import DECISIONS, METRICS, SUMMARY
+from serp.runs.run import Run
 from serp.runs.run_config import LOCK
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
-from tests.serp.runs.test_folder import CONFIG
+from tests.serp.runs.test_folder import create
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
 READ = [
     "config.json",
     "domain.pddl",
-    "domain-problem.pddl",
     METRICS,
     DECISIONS,
     CHECKPOINT,
@@ -42,14 +42,13 @@ KINDS = {
 
 def use(path):
     """Everything that is done with a run."""
-    with RunFolder.open(path, writing=True) as run:
-        run.copies()[0].read_text()
-        run.load_checkpoint()
+    with Run(path).lock() as run:
+        _ = run.model
         for name, columns in TABLES.items():
             Table(path / name, columns).close()
         save(path / CHECKPOINT, {"x": np.arange(3)}, {})
         write_durably(path / SUMMARY, '{"episodes": 1}')
-        run.read_summary()
+        _ = run.summary
         read_metrics(path / METRICS)
 
 
@@ -58,8 +57,8 @@ def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
     secret = tmp_path / "secret"
     for name in [*READ, *WRITTEN]:
         path = tmp_path / f"run-{name}"
-        RunFolder.create(path, CONFIG, [("d.pddl", "(define (domain d))")]).close()
-        save(path / CHECKPOINT, {}, {})
+        with create(path) as run:
+            save(path / CHECKPOINT, {}, {"made_of": run.digests()})
         for table, columns in TABLES.items():
             Table(path / table, columns).close()
         original = path / name

@@ -9,20 +9,22 @@ import sys
 import pytest
 
 from serp.errors import RunError
-from serp.runs.folder import RunFolder, default_path
+from serp.runs.folder import default_path
+from serp.runs.run import Run
 from serp.runs.run_config import Budget, RunConfig
 from serp.settings import Settings
+from serp.tasks.registry import load_task
 
 CONFIG = RunConfig(
     task="cartpole", domain="cartpole", max_ground_schemas=9, preset="default", seed=3,
     reward="domain", learned_from="domain", file_rewards=True, control_period=0.02,
     budget=Budget(), settings=Settings(),
 )  # fmt: skip
-DOMAIN = ("cartpole.pddl", "(define (domain cartpole))")
 
 
 def create(path):
-    return RunFolder.create(path, CONFIG, [DOMAIN])
+    task = load_task("cartpole").bind()
+    return Run.begin(path, task, Settings(), preset="paper", seed=3, budget=Budget())
 
 
 def about(**other):
@@ -87,18 +89,18 @@ def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, na
 def test_what_is_no_run_is_refused(tmp_path, content, message):
     if content is not None:
         (tmp_path / "config.json").write_text(content)
-    for writing in (False, True):
-        with pytest.raises(RunError, match=message):
-            RunFolder.open(tmp_path, writing=writing)
+    with pytest.raises(RunError, match=message):
+        Run(tmp_path)
     assert set(os.listdir(tmp_path)) <= {"config.json"}
     with pytest.raises(RunError, match="no such folder"):
-        RunFolder.open(tmp_path / "gone")
+        Run(tmp_path / "gone")
 
 
 _HOLD = """
 import sys, time
-from serp.runs.folder import RunFolder
-with RunFolder.open(sys.argv[1], writing=True):
+from pathlib import Path
+from serp.runs.run import Run
+with Run(Path(sys.argv[1])).lock():
     print(flush=True)
     time.sleep(60)
 """
@@ -107,13 +109,13 @@ with RunFolder.open(sys.argv[1], writing=True):
 def test_one_writer_at_a_time_until_it_dies_and_any_number_of_readers(tmp_path):
     with create(tmp_path) as run:
         with pytest.raises(RunError, match="is being written by"):
-            RunFolder.open(tmp_path, writing=True)
-        assert RunFolder.open(tmp_path).metadata == run.metadata
+            Run(tmp_path).lock()
+        assert Run(tmp_path).metadata == run.metadata
     command = [sys.executable, "-c", _HOLD, str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as child:
         child.stdout.readline()
         with pytest.raises(RunError, match=rf"is being written by process {child.pid} on "):
-            RunFolder.open(tmp_path, writing=True)
+            Run(tmp_path).lock()
         child.send_signal(signal.SIGKILL)
         child.wait()
-        RunFolder.open(tmp_path, writing=True).close()
+        Run(tmp_path).lock().close()

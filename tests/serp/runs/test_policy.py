@@ -20,8 +20,7 @@ from serp.errors import RunError
 from serp.runs import checkpoint
 from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.evaluation import play
-from serp.runs.folder import RunFolder
-from serp.runs.run import content_digests
+from serp.runs.run import Run
 from serp.runs.run_config import CONFIG
 from tests.serp.runs.runs import without_pictures
 
@@ -102,7 +101,7 @@ def test_a_wrong_configuration_with_a_right_digest_is_refused(changes, cartpole,
     with pytest.raises(RunError, match=r"config\.json of the run was changed"):
         serp.Policy(folder)
     arrays, meta = checkpoint.load(folder / CHECKPOINT)
-    meta["made_of"] = content_digests(RunFolder.open(folder))
+    meta["made_of"] = Run(folder).digests()
     checkpoint.save(folder / CHECKPOINT, arrays, meta)
     with pytest.raises(RunError):
         serp.Policy(folder)
