@@ -138,14 +138,8 @@ def label_ends(axes: Axes, ends: Sequence[tuple[str, float, str]], inches: float
 
 def _apart(heights: Sequence[float], gap: float) -> list[float]:
     """Return ascending heights moved apart to a distance, about where they were."""
-    groups: list[tuple[float, int]] = []  # centre and number of neighbours that touch
-    for height in heights:
-        group = (height, 1)
-        while groups:
-            (before, count), (centre, size) = groups[-1], group
-            if centre - before >= gap * (count + size) / 2:
-                break
-            groups.pop()
-            group = ((before * count + centre * size) / (count + size), count + size)
-        groups.append(group)
-    return [centre + gap * (i - (size - 1) / 2) for centre, size in groups for i in range(size)]
+    from scipy.optimize import isotonic_regression
+
+    rows = gap * np.arange(len(heights))
+    apart: list[float] = (isotonic_regression(heights - rows).x + rows).tolist()
+    return apart

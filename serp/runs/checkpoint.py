@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -22,7 +23,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from serp._util.files import read_regular, write_durably
+from serp._util.files import as_json, read_regular, write_durably
 from serp.errors import RunError
 
 FORMAT: Final = 13
@@ -51,48 +52,20 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
         arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
         meta: JSON values with strings as keys; NumPy scalars are allowed.
     """
-    write_durably(path, encoded(arrays, meta))
+    plain = {name: _plain(name, array) for name, array in arrays.items()}
+    text = json.dumps(meta, default=as_json)
+    entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
+    write_durably(path, safetensors.numpy.save(plain, {"serp": json.dumps(entry)}))
 
 
 def load(path: Path) -> Checkpoint:
     """Read what `save` wrote, exactly."""
-    try:
-        data = read_regular(path)
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         raise RunError(
             f"there is no checkpoint {path}. A run can be continued or evaluated once it has "
             "written its first checkpoint."
-        ) from None
-    except OSError as error:
-        raise RunError(f"cannot read the checkpoint {path}: {error.strerror or error}.") from error
-    return decoded(path, data)
-
-
-def encoded(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
-    """Return the content of a checkpoint."""
-    plain = {name: _plain(name, array) for name, array in arrays.items()}
-    text = json.dumps(meta, default=_as_json)
-    entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
-    return safetensors.numpy.save(plain, {"serp": json.dumps(entry)})
-
-
-def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return the array in the layout of the file: C order, little-endian, a supported dtype."""
-    array = np.asarray(array)
-    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
-        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
-    # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
-    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
-
-
-def _as_json(value: object) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"a checkpoint's JSON cannot hold a {type(value).__name__}")
-
-
-def decoded(path: Path, data: bytes) -> Checkpoint:
-    """Read the content of a checkpoint; `path` names it in errors."""
+        )
+    data = read_regular(path, advice=_RESTORE)
     length_bytes = 8  # a safetensors file begins with the length of its header
     damaged = f"the checkpoint {path} is damaged:"
     try:
@@ -129,6 +102,15 @@ def decoded(path: Path, data: bytes) -> Checkpoint:
     # safetensors may return arrays over immutable bytes, but the state is modified after loading.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
     return Checkpoint(arrays, meta)
+
+
+def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return the array in the layout of the file: C order, little-endian, a supported dtype."""
+    array = np.asarray(array)
+    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
+        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
+    # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
+    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
 
 
 def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple, get_args
 
@@ -63,7 +63,14 @@ class EvaluationResult:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
-        return interval_of(self.returns)
+        count = len(self.returns)
+        if count < 2:
+            return None
+        from scipy.stats import t  # takes half a second to import
+
+        error = float(np.std(self.returns, ddof=1)) / math.sqrt(count)
+        reach = float(t.ppf((1.0 + 0.95) / 2.0, count - 1)) * error
+        return self.mean - reach, self.mean + reach
 
     @property
     def warning(self) -> str | None:
@@ -96,17 +103,6 @@ class EvaluationResult:
         }
 
 
-def interval_of(returns: Sequence[float]) -> tuple[float, float] | None:
-    """Return the ends of the 95 % confidence interval of a mean (Student's t); None for one."""
-    if len(returns) < 2:
-        return None
-    from scipy.stats import t  # takes half a second to import
-
-    mean, error = float(np.mean(returns)), float(np.std(returns, ddof=1)) / math.sqrt(len(returns))
-    reach = float(t.ppf((1.0 + 0.95) / 2.0, len(returns) - 1)) * error
-    return mean - reach, mean + reach
-
-
 class Episode(NamedTuple):
     """An episode right after the reset; iterating over `steps` executes them one by one."""
 
@@ -128,9 +124,8 @@ def play(
     """Run a policy without exploring or learning; no random state of the agent changes.
 
     The environment of the task is not used otherwise. Steps are recorded, if there is a recorder,
-    before they are yielded. Advancing the iterator begins the next
-    episode, even if the previous one is not finished. Equal seeds give other episodes than in
-    training.
+    before they are yielded. Advancing the iterator begins the next episode, even if the previous
+    one is not finished. Equal seeds give other episodes than in training.
 
     Raises:
         SettingsError: There is no such policy, or `episodes` or `seed` is out of range.

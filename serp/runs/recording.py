@@ -244,7 +244,7 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
     """
     found: Columns = {}
     try:
-        data = io.BytesIO(read_regular(file, 1 << 28))
+        data = io.BytesIO(read_regular(file, 1 << 28, _AGAIN))
         with zipfile.ZipFile(data) as archive:
             for name in dict.fromkeys(("number", *names)):
                 steps = len(found["number"]) if found else layout.block
@@ -262,8 +262,6 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
                 found[name] = values
     except RunError:
         raise
-    except OSError as error:
-        raise RunError(f"cannot read {file}: {error.strerror or error}. {_AGAIN}") from error
     except Exception as error:  # of a dozen kinds: those of archives, compression and arrays
         raise RunError(f"{file} is damaged: {error}. {_AGAIN}") from error
     return {name: found[name] for name in names}

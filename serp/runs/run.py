@@ -227,10 +227,7 @@ class Run(Closing):
         config = {name: value for name, value in self.config.items() if name != "budget"}
         made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
         for file in self.copies():
-            try:
-                made[file.name] = read_regular(file)
-            except OSError as error:
-                raise RunError(f"cannot read {file}: {error.strerror or error}") from error
+            made[file.name] = read_regular(file)
         return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
     @property

@@ -11,9 +11,8 @@ import contextlib
 import csv
 import io
 import itertools
-import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
@@ -233,59 +232,46 @@ def _cell(value: Any) -> str | float | None:
     return " ".join(text.splitlines()) if "\n" in text or "\r" in text else text
 
 
+_CELLS: Final[Mapping[Any, tuple[Callable[[str], float], str]]] = {
+    int: (lambda cell: int(np.int64(cell)), "a whole number of 64 bits"),
+    bool: ({"0": False, "1": True}.__getitem__, "0 or 1"),
+    float: (lambda cell: float(cell or "nan"), "a number"),
+}
+"""Type of a column → what reads a cell of it, and what a cell must be."""
+
+
 def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Read ``metrics.csv``: column → array ``[episodes]``.
 
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell. A last line
     without a line break is incomplete (the run was killed, or is writing) and is left out.
     """
-    hints = get_type_hints(MetricsRow)
-    kinds = [hints[field] for field in MetricsRow._fields]
-    columns: list[list[float]] = [[] for _ in kinds]
-    for number, cells in enumerate(_cells(path), start=2):
-        if len(cells) != len(kinds):
-            why = f"{len(cells)} cells where the header has {len(kinds)}"
-            raise _malformed(path, number, why)
-        for k, cell in enumerate(cells):
-            try:
-                columns[k].append(_parse(kinds[k], cell))
-            except (KeyError, ValueError, OverflowError):
-                wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(
-                    kinds[k], "a number"
-                )
-                why = f"{METRICS_COLUMNS[k]} is {cell!r}; it must be {wanted}"
-                raise _malformed(path, number, why) from None
-    return {
-        name: np.array(column, kind if kind in (int, bool) else float)
-        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
-    }
 
+    def malformed(number: int, why: str) -> RunError:
+        return RunError(
+            f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
+        )
 
-def _cells(path: Path) -> Iterator[list[str]]:
-    """Yield the cells of every complete row of ``metrics.csv``, which has numbers only."""
-    try:
-        content = read_regular(path)
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
-    lines = content.decode("utf-8", "backslashreplace").split("\n")
-    if lines[0].rstrip("\r") != ",".join(METRICS_COLUMNS):
+    lines = read_regular(path).decode("utf-8", "backslashreplace").split("\n")
+    header, *rows = [line.rstrip("\r").split(",") for line in lines[:-1] or lines]
+    if tuple(header) != METRICS_COLUMNS:
         raise RunError(
             f"{path}:1: the columns are not {', '.join(METRICS_COLUMNS)}. Was this file written by "
             "serp, of this version?"
         )
-    for line in lines[1:-1]:
-        yield line.rstrip("\r").split(",")
-
-
-def _parse(kind: Any, cell: str) -> float:
-    if kind is bool:
-        return {"0": False, "1": True}[cell]
-    if kind is int:
-        return int(np.int64(cell))
-    return float(cell) if cell else math.nan
-
-
-def _malformed(path: Path, number: int, why: str) -> RunError:
-    return RunError(
-        f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
-    )
+    hints = get_type_hints(MetricsRow)
+    kinds = [hints[field] if hints[field] in _CELLS else float for field in MetricsRow._fields]
+    columns: list[list[float]] = [[] for _ in kinds]
+    for number, cells in enumerate(rows, start=2):
+        if len(cells) != len(kinds):
+            raise malformed(number, f"{len(cells)} cells where the header has {len(kinds)}")
+        for name, kind, cell, column in zip(header, kinds, cells, columns, strict=True):
+            read, wanted = _CELLS[kind]
+            try:
+                column.append(read(cell))
+            except (KeyError, ValueError, OverflowError):
+                raise malformed(number, f"{name} is {cell!r}; it must be {wanted}") from None
+    return {
+        name: np.array(column, kind)
+        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
+    }
