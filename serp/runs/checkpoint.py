@@ -52,7 +52,8 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
         arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
         meta: JSON values with strings as keys; NumPy scalars are allowed.
     """
-    plain = {name: _plain(name, array) for name, array in arrays.items()}
+    # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
+    plain = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     text = json.dumps(meta, default=as_json)
     entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
     write_durably(path, safetensors.numpy.save(plain, {"serp": json.dumps(entry)}))
@@ -102,15 +103,6 @@ def load(path: Path) -> Checkpoint:
     # safetensors may return arrays over immutable bytes, but the state is modified after loading.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
     return Checkpoint(arrays, meta)
-
-
-def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return the array in the layout of the file: C order, little-endian, a supported dtype."""
-    array = np.asarray(array)
-    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
-        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
-    # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
-    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
 
 
 def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: str) -> str:

@@ -138,12 +138,10 @@ def play(
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    limit, judge = agent.settings.training.episode_steps, Judge(task)
+    judge = Judge(task)
     with agent.undisturbed():
         for episode in range(count):
-            begun = evaluation_seed(seed, episode)
-            rollout = Rollout(task, agent.take_in, seed=begun, limit=limit, judge=judge)
-            agent.arbiter.begin_episode()
+            rollout = Rollout(task, agent, judge, evaluation_seed(seed, episode))
             steps = rollout.steps(_decisions(agent, policy))
             if recorder is not None:
                 steps = _recorded(steps, recorder, episode + 1)

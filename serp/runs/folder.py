@@ -122,20 +122,15 @@ def refuse_occupied(path: Path) -> None:
         return
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
-    if names and (LOCK not in names or CONFIG in names):
-        raise occupied(path)
-
-
-def occupied(path: Path) -> RunError:
-    """Return the error for a folder that is not empty."""
-    if os.path.lexists(path / CONFIG):
-        return RunError(
+    if CONFIG in names:
+        raise RunError(
             f"{path} already holds a run. Continue it with --resume, or give another folder with "
             "--out. Nothing was changed."
         )
-    return RunError(
-        f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
-    )
+    if names and LOCK not in names:
+        raise RunError(
+            f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
+        )
 
 
 METRICS: Final = "metrics.csv"

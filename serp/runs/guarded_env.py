@@ -7,7 +7,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +18,7 @@ from serp._util.numbers import seed_of
 from serp._util.processes import blas_on_one_thread
 from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
-from serp.agent.decision import Decision
+from serp.agent.decision import Actor, Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import EpisodeTotals, StepRecord
@@ -75,14 +75,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin the next episode."""
         super().reset(seed=seed)
-        self._rollout = rollout = Rollout(
-            self._task,
-            self._agent.take_in,
-            seed=self.next_seed(seed),
-            limit=self._agent.settings.training.episode_steps,
-            judge=self.judge,
-        )
-        self._agent.arbiter.begin_episode()
+        self._rollout = rollout = Rollout(self._task, self._agent, self.judge, self.next_seed(seed))
         return rollout.x.astype(np.float32), rollout.info
 
     def step(self, action: np.int64 | int) -> Answer:
@@ -114,27 +107,16 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._task.close()
 
 
-class _Asked:
-    """Stands for a learner whose action is not known yet; notes whether it was asked for one."""
-
-    def __init__(self) -> None:
-        self.asked = False
+class _Unknown:
+    """Stands for a learner whose action is not known yet: proposes any."""
 
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose any action."""
-        return self.propose_greedily()
+        return Proposal(0, False, None)
 
     def propose_greedily(self) -> Proposal:
         """Propose any action."""
-        self.asked = True
         return Proposal(0, False, None)
-
-
-class _Turn(NamedTuple):
-    """The decision in a state if the learner's action does not count, and whether it counts."""
-
-    decision: Decision
-    asked: bool
 
 
 class ArbitratedEnv(TaskEnv):
@@ -156,7 +138,7 @@ class ArbitratedEnv(TaskEnv):
         super().__init__(task, agent)
         self._seed, self._begun = seed, 0
         self._derive = derive
-        self._turn: _Turn | None = None
+        self._turn: Decision | None = None
         self._last: tuple[Decision, Vector] | None = None
 
     @abstractmethod
@@ -174,9 +156,9 @@ class ArbitratedEnv(TaskEnv):
         Raises:
             gymnasium.error.ResetNeeded: No episode is running.
         """
-        decision, asked = self._whose_turn(self.running)
+        decision = self._whose_turn(self.running)
         masks = decision.admissible
-        if not (asked and masks.any()):
+        if decision.proposed_by is Actor.PLANNER or not masks.any():
             masks = np.arange(len(masks)) == decision.action
         return masks.copy()
 
@@ -191,19 +173,18 @@ class ArbitratedEnv(TaskEnv):
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Return the decision for a proposal."""
-        decision, asked = self._whose_turn(rollout)
+        decision = self._whose_turn(rollout)
         self._turn = None
-        if asked:
+        if decision.proposed_by is not Actor.PLANNER:
             proposal = Proposal(action, False, None)
             decision = self._agent.arbiter.exchange(decision, rollout.state, proposal)
         self._last = decision, rollout.state
         return decision
 
-    def _whose_turn(self, rollout: Rollout) -> _Turn:
+    def _whose_turn(self, rollout: Rollout) -> Decision:
+        """Return the decision as it is before the learner's action is known."""
         if self._turn is None:
-            learner = _Asked()
-            decision = self.ask(rollout.state, learner)
-            self._turn = _Turn(decision, learner.asked)
+            self._turn = self.ask(rollout.state, _Unknown())
         return self._turn
 
     def next_seed(self, seed: int | None) -> int:
@@ -271,7 +252,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         render_mode: str | None = None,
     ) -> None:
         seed = seed_of(seed)
-        task = find_task(task) if isinstance(task, str) else task
+        task = find_task(task)
         resolved = resolve(preset, task.settings, settings)
         refuse_unknown_names(resolved, task.planners)
         if resolved.training.num_envs > 1:
@@ -325,7 +306,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         """Truncate the running episode, if a step was made in it."""
         rollout = self._rollout
         if rollout is not None and not rollout.over and rollout.totals.length:
-            rollout.cut_off()
+            rollout.totals.truncated = True
             self._agent.cut_off()
             self._end_episode(rollout.totals)
 

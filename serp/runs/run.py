@@ -30,7 +30,7 @@ from serp.model.transition_model import TransitionModel
 from serp.pddl.source import Source
 from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
-from serp.runs.folder import COPIES, METRICS, SUMMARY, RunLock, make_empty, occupied
+from serp.runs.folder import COPIES, METRICS, SUMMARY, RunLock, make_empty, refuse_occupied
 from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
 from serp.runs.run_config import CONFIG, Budget, RunConfig, read_metadata, write_metadata
 from serp.runs.tables import read_metrics
@@ -120,11 +120,7 @@ class Run(Closing):
         make_empty(path)
         lock = RunLock(path)
         try:
-            # Another process may have begun a run since the folder was checked.
-            if os.path.lexists(path / CONFIG):
-                raise occupied(path)
-            for copy in COPIES:  # of a run that was stopped before its beginning
-                (path / copy).unlink(missing_ok=True)
+            refuse_occupied(path)  # another process may have begun a run since
             for copy, source in sources.items():
                 write_durably(path / copy, source.text)
             # The last, because it makes the folder a run.

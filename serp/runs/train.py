@@ -21,7 +21,7 @@ from serp._util.processes import one_thread
 from serp.agent.agent import account_of
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, RunError, SettingsError, TaskError
+from serp.errors import Interrupted, RunError, SettingsError
 from serp.model.transition_model import StateError
 from serp.runs import checkpoint
 from serp.runs.folder import METRICS, default_path, refuse_occupied
@@ -294,16 +294,13 @@ def plan_and_learn(
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
-    if not isinstance(task, Task | str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if resume:
         if out is None:
             raise RunError("to resume, name the run's folder (--out RUN)")
         own = None if isinstance(task, str) else task
         with Run(Path(out), own).lock() as run, run.task.bind() as bound:
             return continue_training(run, bound, budget, callbacks, quiet=quiet)
-    if isinstance(task, str):
-        task = find_task(task)
+    task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
     refuse_unknown_names(resolved, task.planners)
     if out is not None:

@@ -166,7 +166,7 @@ class Trainer(Bookkeeping, Closing):
         for env in running:
             agent.turn_to(env.index)
             if env.rollout is None or env.decision is None:
-                self._reset(env)
+                env.rollout = Rollout(env.task, agent, self.judge, env.seed)
                 continue
             self.under_way = self.env_steps + 1
             step = env.rollout.step(env.decision)
@@ -186,16 +186,6 @@ class Trainer(Bookkeeping, Closing):
             if self.on_step is not None:
                 self.on_step(step)
         return ended
-
-    def _reset(self, env: RolloutEnv) -> None:
-        env.rollout = Rollout(
-            env.task,
-            self.agent.take_in,
-            seed=env.seed,
-            limit=self.settings.training.episode_steps,
-            judge=self.judge,
-        )
-        self.agent.arbiter.begin_episode()
 
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""

@@ -19,7 +19,7 @@ from pydantic import NonNegativeInt, PositiveInt, field_validator
 
 from serp._util.files import json_text
 from serp._util.text import readable
-from serp.errors import Interrupted, RunError, SettingsError, TaskError, needs_extra
+from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
 from serp.runs.comparison.engines import LOCAL
@@ -166,9 +166,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     if "vary" not in options:
         raise SettingsError("tune: say what to `vary`, such as {'planner.depth': '2..7'}")
     request = TuneSettings(**options)
-    if not isinstance(task, Task | str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
-    search = _Search(find_task(task) if isinstance(task, str) else task, request)
+    search = _Search(find_task(task), request)
     folder = request.out or default_path(f"tune-{search.name}")
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     with locked(folder, journal):

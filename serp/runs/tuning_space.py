@@ -21,7 +21,7 @@ from optuna.distributions import (
 )
 
 from serp.errors import SettingsError
-from serp.settings import Changes, Settings, setting_value
+from serp.settings import Changes, Settings, assigned, setting_value
 
 Space = dict[str, BaseDistribution]
 """`section.setting` → its values; choices are texts, because Optuna takes no lists."""
@@ -40,14 +40,7 @@ def space_of(vary: Mapping[str, Any]) -> Space:
 
 def changes_of(parameters: Mapping[str, Any]) -> Changes:
     """Return section → setting → value for the parameters of an Optuna trial."""
-    changes: dict[str, dict[str, Any]] = {}
-    for name, value in parameters.items():
-        section, _, setting = name.partition(".")
-        value = json.loads(value) if isinstance(value, str) else value
-        changes.setdefault(section, {})[setting] = (
-            tuple(value) if isinstance(value, list) else value
-        )
-    return changes
+    return assigned(f"{name}={value}" for name, value in parameters.items())
 
 
 def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
@@ -59,9 +52,7 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
             value = json.dumps(value)
             inside = value in values.choices
         else:
-            assert isinstance(values, IntDistribution | FloatDistribution)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            inside = number and values.low <= value <= values.high
+            inside = isinstance(value, int | float) and values.low <= value <= values.high
         if not inside:
             return {}
         parameters[name] = value

@@ -186,8 +186,8 @@ def find_domain_file(domain: str) -> Path | None:
     return None if domain in task_entries() else _shipped_beside(domain)
 
 
-def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
-    """Return the task that `--domain` means: the name of an installed task, or a domain file.
+def find_task(named: Task | str) -> Task:
+    """Return the task that is given, or meant by its name or by a domain file.
 
     A file belongs to the task with the name of its domain, or with the name of the file up to a
     hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`). One that belongs to
@@ -197,12 +197,18 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
         TaskError: There is no such file or task, or the file is no world to learn in.
         DomainError: The file is wrong.
     """
-    path = find_domain_file(domain)
-    if path is None and Path(domain).is_dir() and domain not in task_entries():
-        raise TaskError(f"{domain} is a folder; give one of the files in it, or the name of a task")
+    if not isinstance(named, str):
+        from serp.tasks.task import Task
+
+        if isinstance(named, Task):
+            return named
+        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {named!r}")
+    path = find_domain_file(named)
+    if path is None and Path(named).is_dir() and named not in task_entries():
+        raise TaskError(f"{named} is a folder; give one of the files in it, or the name of a task")
     if path is None:
-        return load_task(domain)
-    loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)
+        return load_task(named)
+    loaded = load_domain(path, observed=True)
     task = task_of(loaded, path)
     if task is not None:
         return task
@@ -215,7 +221,7 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
         )
     from serp.tasks.file_world import file_task
 
-    world = load_domain(path, max_ground_schemas=max_ground_schemas)
+    world = load_domain(path)
     if not world.model.rewarding:
         raise TaskError(
             f"{path} says nothing about reward, so there is nothing to learn in its world; write "

@@ -150,12 +150,8 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
 def _requested_task(
     task: Task | str | None, before: ComparisonPlan | None, folder: Path | None
 ) -> Task:
-    if isinstance(task, Task):
-        return task
-    if isinstance(task, str):
-        return find_task(task)
     if task is not None:
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
+        return find_task(task)
     if folder is None:
         raise RunError("say what to compare on: name a task")
     if before is None:
