@@ -25,6 +25,7 @@ from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
+from serp.runs.results import write_results
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import Run
 from serp.runs.run_config import Budget
@@ -342,8 +343,6 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
         if self._run is not None and self.log is not None:
-            from serp.runs.results import write_results
-
             with self._run, self.log:
                 self.log.flush()
                 account = account_of(self._agent)

@@ -10,14 +10,12 @@ types, shapes, and the range of every number that something is looked up by.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import io
 import json
 import re
-import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
@@ -40,11 +38,10 @@ from serp._util.files import (
 from serp._util.text import plural
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
-from serp.errors import Notice, RunError
+from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.runs.folder import RunLock
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 RECORDING: Final = "recording"
@@ -475,28 +472,6 @@ def evaluations_of(run: Path) -> list[str]:
     if not folder.is_dir():
         return []
     return sorted(each.name for each in folder.iterdir() if (each / HEADER).is_file())
-
-
-@contextlib.contextmanager
-def recorded_evaluation(run: Path, name: str, layout: Layout) -> Iterator[Recorder | None]:
-    """Yield the recorder of an evaluation of a run, in place of an earlier one of that name.
-
-    Where the folder of the run cannot be written, nothing is recorded, and a notice says so.
-
-    Args:
-        run: The folder of the run.
-        name: Name of the evaluation, such as `serp-seed0`.
-        layout: What is recorded.
-    """
-    with contextlib.ExitStack() as stack:
-        recorder: Recorder | None = None
-        try:
-            folder = make_inside(run, EVALUATIONS, name)
-            stack.callback(RunLock(folder).release)
-            recorder = stack.enter_context(Recorder(folder, layout))
-        except (RunError, OSError) as error:
-            warnings.warn(f"the episodes are not recorded: {error}", Notice, stacklevel=3)
-        yield recorder
 
 
 class Recorder(Closing):

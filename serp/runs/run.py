@@ -8,6 +8,7 @@ import functools
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,14 +17,21 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.files import Closing, read_json, read_regular, require_regular, write_durably
+from serp._util.files import (
+    Closing,
+    make_inside,
+    read_json,
+    read_regular,
+    require_regular,
+    write_durably,
+)
 from serp._util.numbers import seed_of, whole
 from serp._util.processes import one_thread
 from serp._util.saved_state import Saved
 from serp._util.terminal import bar
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
-from serp.errors import RunError, SettingsError
+from serp.errors import Notice, RunError, SettingsError
 from serp.model.domain import Domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel
@@ -31,7 +39,7 @@ from serp.pddl.source import Source
 from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
 from serp.runs.folder import COPIES, METRICS, SUMMARY, RunLock, make_empty, refuse_occupied
-from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
+from serp.runs.recording import EVALUATIONS, Layout, Recorder, Recording, open_recording
 from serp.runs.run_config import CONFIG, Budget, RunConfig, read_metadata, write_metadata
 from serp.runs.tables import read_metrics
 from serp.settings import Settings
@@ -414,15 +422,25 @@ class Run(Closing):
             )
         return found
 
-    def recorder(
-        self, policy: Policy, seed: int
-    ) -> contextlib.AbstractContextManager[Recorder | None]:
-        """Return the recorder of an evaluation of the run; see `recorded_evaluation`."""
+    @contextlib.contextmanager
+    def recorder(self, policy: Policy, seed: int) -> Iterator[Recorder | None]:
+        """Yield the recorder of an evaluation, in place of an earlier one of that policy and seed.
+
+        Where the folder of the run cannot be written, nothing is recorded, and a notice says so.
+        """
         check_policy(policy)
         seed = seed_of(seed)
         arbiter = self.agent.arbiter
         layout = Layout.of(arbiter.model, arbiter.actions, policy=policy, seed=seed)
-        return recorded_evaluation(self.path, f"{policy}-seed{seed}", layout)
+        with contextlib.ExitStack() as stack:
+            recorder: Recorder | None = None
+            try:
+                folder = make_inside(self.path, EVALUATIONS, f"{policy}-seed{seed}")
+                stack.callback(RunLock(folder).release)
+                recorder = stack.enter_context(Recorder(folder, layout))
+            except (RunError, OSError) as error:
+                warnings.warn(f"the episodes are not recorded: {error}", Notice, stacklevel=3)
+            yield recorder
 
     @contextlib.contextmanager
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:

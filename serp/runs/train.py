@@ -26,6 +26,7 @@ from serp.model.transition_model import StateError
 from serp.runs import checkpoint
 from serp.runs.folder import METRICS, default_path, refuse_occupied
 from serp.runs.progress import Progress
+from serp.runs.results import write_results
 from serp.runs.run import Run
 from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
@@ -33,7 +34,7 @@ from serp.runs.tables import read_metrics
 from serp.runs.trainer import Callbacks, OnEpisode, Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask, Task, describe_source
+from serp.tasks.task import Task, describe_source
 
 SIGNALS: Final[tuple[signal.Signals, ...]] = (
     signal.SIGINT,
@@ -153,29 +154,10 @@ def advice_to_resume(run: Run) -> Iterator[None]:
         raise
 
 
-def continue_training(
-    run: Run, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
-) -> Run:
-    """Continue a run from its newest checkpoint, as if it had not been interrupted."""
-    made = run.made
-    with Trainer(task, made.settings, made.seed, baseline=made.baseline) as trainer:
-        before = restore(run, trainer, made.budget)
-        limits = budget if budget.limits else before
-        return train(run, trainer, limits, callbacks, quiet=quiet)
-
-
-def train(
-    run: Run,
-    trainer: Trainer,
-    budget: Budget,
-    callbacks: Callbacks,
-    *,
-    quiet: bool,
-) -> Run:
+def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, quiet: bool) -> Run:
     """Train until the budget is spent, a signal is received or a callback fails."""
-    settings = trainer.settings.training
     if not budget.limits:
-        budget = Budget(env_steps=settings.env_steps)
+        budget = Budget(env_steps=trainer.settings.training.env_steps)
     before = trainer.env_steps
     digests = run.digests()
     progress = Progress(trainer, budget, f"{trainer.task.name} → {run.path}", quiet=quiet)
@@ -207,11 +189,10 @@ def train(
         log = RunLog(run.path, trainer.task, trainer.env_steps, trainer.episode)
         with log, one_thread(), progress:
             trainer.log = log
-            task = trainer.task
             source = describe_source(
                 trainer.judge.source,
-                in_file=task.model.rewarding,
-                world=task.task.world is not None,
+                in_file=run.made.file_rewards,
+                world=run.made.world is not None,
             )
             progress.note(f"The learner learns from {source}.")
             if trainer.agent.adaptation.notice is not None:
@@ -231,11 +212,7 @@ def train(
                     due = save()
             if trainer.env_steps > before:
                 save()
-        from serp.runs.results import write_results
-
-        account = account_of(trainer.agent)
-        vetoes = trainer.tally.vetoes_by_reason()
-        write_results(run, vetoes, account)
+        write_results(run, trainer.tally.vetoes_by_reason(), account_of(trainer.agent))
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
@@ -299,7 +276,11 @@ def plan_and_learn(
             raise RunError("to resume, name the run's folder (--out RUN)")
         own = None if isinstance(task, str) else task
         with Run(Path(out), own).lock() as run, run.task.bind() as bound:
-            return continue_training(run, bound, budget, callbacks, quiet=quiet)
+            made = run.made
+            with Trainer(bound, made.settings, made.seed, baseline=made.baseline) as trainer:
+                before = restore(run, trainer, made.budget)
+                limits = budget if budget.limits else before
+                return train(run, trainer, limits, callbacks, quiet=quiet)
     task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
     refuse_unknown_names(resolved, task.planners)
