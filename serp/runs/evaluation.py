@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple, get_args
+from typing import Any, Final, get_args
 
 import numpy as np
 
 from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import seed_of, whole
 from serp.agent.agent import Agent
+from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord, sight_of
 from serp.errors import SettingsError
+from serp.model.transition_model import Vector
 from serp.runs import Policy as Policy
 from serp.runs.recording import Recorder
-from serp.runs.rollout import Decide, Rollout, evaluation_seed
+from serp.runs.rollout import Rollout, evaluation_seed
 from serp.runs.summary import WINDOW
 from serp.tasks.task import BoundTask, Judge
 
+Decide = Callable[[Vector, Vector], Decision]
+"""(state, input of the learner) → decision."""
 EPISODES: Final = 100
 """Default number of episodes."""
 ENOUGH: Final = WINDOW
@@ -103,15 +107,6 @@ class EvaluationResult:
         }
 
 
-class Episode(NamedTuple):
-    """An episode right after the reset; iterating over `steps` executes them one by one."""
-
-    number: int
-    info: dict[str, Any]
-    steps: Iterator[StepRecord]
-    totals: EpisodeTotals
-
-
 def play(
     agent: Agent,
     task: BoundTask,
@@ -120,8 +115,10 @@ def play(
     episodes: int = EPISODES,
     seed: int = 0,
     recorder: Recorder | None = None,
-) -> Iterator[Episode]:
+) -> Generator[Iterator[StepRecord]]:
     """Run a policy without exploring or learning; no random state of the agent changes.
+
+    Each episode is yielded right after its reset, as an iterator that executes its steps.
 
     The environment of the task is not used otherwise. Steps are recorded, if there is a recorder,
     before they are yielded. Advancing the iterator begins the next episode, even if the previous
@@ -138,21 +135,20 @@ def play(
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    judge = Judge(task)
+    judge, decide = Judge(task), _decisions(agent, policy)
     with agent.undisturbed():
         for episode in range(count):
             rollout = Rollout(task, agent, judge, evaluation_seed(seed, episode))
-            steps = rollout.steps(_decisions(agent, policy))
-            if recorder is not None:
-                steps = _recorded(steps, recorder, episode + 1)
-            yield Episode(episode + 1, rollout.info, steps, rollout.totals)
+            yield _steps(rollout, decide, recorder, episode + 1)
 
 
-def _recorded(
-    steps: Iterator[StepRecord], recorder: Recorder, episode: int
+def _steps(
+    rollout: Rollout, decide: Decide, recorder: Recorder | None, episode: int
 ) -> Iterator[StepRecord]:
-    for step in steps:
-        recorder.append(episode, step)
+    while not rollout.over:
+        step = rollout.step(decide(rollout.state, rollout.x))
+        if recorder is not None:
+            recorder.append(episode, step)
         yield step
 
 
@@ -184,10 +180,9 @@ def evaluate(
     `on_episode` is called at the end of each episode.
     """
     totals: list[EpisodeTotals] = []
-    for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
-        for _ in episode.steps:
-            pass
-        totals.append(episode.totals)
+    for steps in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
+        *_, last = steps
+        totals.append(last.episode)
         on_episode()
     counts: Counter[str] = Counter()
     for total in totals:

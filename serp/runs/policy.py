@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
@@ -25,7 +25,7 @@ from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
 from serp.runs import checkpoint
-from serp.runs.evaluation import Episode, play
+from serp.runs.evaluation import play
 from serp.runs.folder import make_empty, refuse_occupied
 from serp.runs.run import Run, load_run
 from serp.runs.run_config import CONFIG
@@ -90,9 +90,9 @@ def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict
     """Return the agent without its replay memory, and pairs of a played episode."""
     arrays, meta = agent.state_dict()
     pairs = []
-    played = cast("Generator[Episode]", play(agent, task, episodes=1))
-    with contextlib.closing(played) as episodes:  # what it does to the agent is then undone
-        for step in itertools.islice(next(episodes).steps, _STEPS):
+    # What playing does to the agent is undone at the end.
+    with contextlib.closing(play(agent, task, episodes=1)) as episodes:
+        for step in itertools.islice(next(episodes), _STEPS):
             pairs.append((task.observation(step.observation), step.state.copy()))
     empty, fresh = Agent(task, agent.settings, 0).state_dict()
     replay = "learner.replay."

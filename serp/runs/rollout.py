@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -11,13 +11,9 @@ from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
-from serp.model.transition_model import Vector
 from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
-
-Decide = Callable[[Vector, Vector], Decision]
-"""(state, input of the learner) → decision."""
 
 
 def training_seed(seed: int, episode: int) -> int:
@@ -108,11 +104,6 @@ class Rollout:
         self.totals.add(record)
         self._observation, self.state, self.x = observation, next_state, next_x
         return record
-
-    def steps(self, decide: Decide) -> Iterator[StepRecord]:
-        """Yield the steps of a policy to the end of the episode; each is executed when needed."""
-        while not self.over:
-            yield self.step(decide(self.state, self.x))
 
 
 class RolloutEnv:

@@ -377,9 +377,9 @@ class _Evaluations:
     def _played(self, policy: Policy) -> Iterator[dict[str, Any]]:
         """Play episodes of a policy at the end of training, whose unsafe steps are counted."""
         count = self._job.protocol.final_episodes
-        for episode in play(self._agent, self._arena, policy, episodes=count, seed=_SEED):
-            *_, last = episode.steps
-            totals = episode.totals
+        for steps in play(self._agent, self._arena, policy, episodes=count, seed=_SEED):
+            *_, last = steps
+            totals = last.episode
             unsafe = totals.decisions.unsafe_executed, totals.unsafe_observed
             yield self._row(totals.return_, totals.length, totals.terminated, *unsafe, last.info)
 

@@ -51,7 +51,7 @@ def cartpole(cartpole_run, tmp_path_factory):
 def test_what_a_run_plays_is_decided_alike(run, tmp_path):
     policy = serp.Policy(serp.export_policy(run, tmp_path / "policy"))
     with run.environment() as task:
-        for step in next(play(run.agent, task, episodes=1, seed=3)).steps:
+        for step in next(play(run.agent, task, episodes=1, seed=3)):
             decision = policy.decide(task.observation(step.observation), state=step.state)
             assert decision.action == step.decision.action
             assert decision.reason == step.decision.reason
@@ -167,7 +167,7 @@ def test_the_ros_2_node_publishes_the_action_of_the_run_and_its_reason(
     node = runpy.run_path(str(EXAMPLES / "ros2" / "policy_node.py"))["PolicyNode"]()
     assert "agrees with" in logger.info.call_args.args[0]
     with cartpole_run.environment() as task:
-        for step in next(play(cartpole_run.agent, task, episodes=1, seed=3)).steps:
+        for step in next(play(cartpole_run.agent, task, episodes=1, seed=3)):
             node.act(SimpleNamespace(data=list(step.observation)))
             decision = step.decision
             reason = f"{task.actions.name(decision.action)}, {decision.executed_by}: "
