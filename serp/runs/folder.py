@@ -29,62 +29,49 @@ from serp._util.files import (
     require_regular,
 )
 from serp.errors import RunError
-from serp.runs.run_config import (
-    CONFIG,
-    LOCK,
-)
+from serp.runs.run_config import CONFIG, LOCK
 
 
-class RunLock:
-    """A lock on a run folder, held until `release` or the end of the process.
+def lock_folder(folder: Path) -> FileLock:
+    """Return a lock on a folder, held until its `release` or the end of the process.
 
     The operating system releases it when the process dies, so that there are no stale locks. The
-    file ``.lock`` in the run names the owner of the lock and its time. A lock that another process
-    (or another lock of this one) holds, or that cannot be had, is a `RunError`.
+    file ``.lock`` in the folder names the owner of the lock and its time. A lock that another
+    process (or another lock of this one) holds, or that cannot be had, is a `RunError`.
     """
+    path = require_regular(folder / LOCK)
 
-    def __init__(self, folder: Path) -> None:
-        self._path = require_regular(folder / LOCK)
-        # Any thread may release the lock. A soft lock, for file systems without locks, would
-        # survive a crash.
-        self._lock = FileLock(
-            self._path,
-            blocking=False,
-            thread_local=False,
-            fallback_to_soft=False,
-            on_acquired=self._write_owner,
-        )
-        try:
-            self._lock.acquire()
-        except Timeout:
-            raise RunError(
-                f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
-                "or begin a new run with another --out."
-            ) from None
-        except PermissionError as error:
-            raise cannot_write(self._path, error, "The run is unchanged.") from error
-        except OSError as error:
-            raise RunError(
-                f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a "
-                "folder on a local disk."
-            ) from error
-
-    def release(self) -> None:
-        """Release the lock; a second call does nothing."""
-        self._lock.release()
-
-    def _write_owner(self, file: int) -> None:
-        refuse_hard_link(self._path, file)
+    def write_owner(file: int) -> None:
+        refuse_hard_link(path, file)
         now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
         text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
         with contextlib.suppress(OSError):  # informative only; a full disk must not stop a resume
             os.ftruncate(file, 0)
             os.write(file, text.encode())
 
-    def _owner(self) -> str:
-        with contextlib.suppress(OSError), open(self._path, "rb") as file:
-            return file.read(200).decode("utf-8", "replace").strip() or "another process"
-        return "another process"
+    # Any thread may release the lock. A soft lock, for file systems without locks, would survive a
+    # crash.
+    lock = FileLock(
+        path, blocking=False, thread_local=False, fallback_to_soft=False, on_acquired=write_owner
+    )
+    try:
+        lock.acquire()
+    except Timeout:
+        owner = ""
+        with contextlib.suppress(OSError), open(path, "rb") as file:
+            owner = file.read(200).decode("utf-8", "replace").strip()
+        raise RunError(
+            f"the run {folder} is being written by {owner or 'another process'}. Wait until that "
+            "has ended, or begin a new run with another --out."
+        ) from None
+    except PermissionError as error:
+        raise cannot_write(path, error, "The run is unchanged.") from error
+    except OSError as error:
+        raise RunError(
+            f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a folder on "
+            "a local disk."
+        ) from error
+    return lock
 
 
 def default_path(domain_name: str) -> Path:

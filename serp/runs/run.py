@@ -15,6 +15,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
 
 from serp._util.files import (
@@ -38,7 +39,7 @@ from serp.model.transition_model import TransitionModel
 from serp.pddl.source import Source
 from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
-from serp.runs.folder import COPIES, METRICS, SUMMARY, RunLock, make_empty, refuse_occupied
+from serp.runs.folder import COPIES, METRICS, SUMMARY, lock_folder, make_empty, refuse_occupied
 from serp.runs.recording import EVALUATIONS, Layout, Recorder, Recording, open_recording
 from serp.runs.run_config import CONFIG, Budget, RunConfig, read_metadata, write_metadata
 from serp.runs.tables import read_metrics
@@ -90,7 +91,7 @@ class Run(Closing):
         self.path = path
         self.metadata, self.made = read_metadata(path)
         self._task = task
-        self._lock: RunLock | None = None
+        self._lock: FileLock | None = None
 
     @classmethod
     def begin(
@@ -126,7 +127,7 @@ class Run(Closing):
         )
         sources = dict(zip(COPIES, task.domain.sources, strict=False))
         make_empty(path)
-        lock = RunLock(path)
+        lock = lock_folder(path)
         try:
             refuse_occupied(path)  # another process may have begun a run since
             for copy, source in sources.items():
@@ -142,7 +143,7 @@ class Run(Closing):
 
     def lock(self) -> Run:
         """Lock it for writing, until `close`; return it."""
-        self._lock = RunLock(self.path)
+        self._lock = lock_folder(self.path)
         return self
 
     def close(self) -> None:
@@ -436,7 +437,7 @@ class Run(Closing):
             recorder: Recorder | None = None
             try:
                 folder = make_inside(self.path, EVALUATIONS, f"{policy}-seed{seed}")
-                stack.callback(RunLock(folder).release)
+                stack.callback(lock_folder(folder).release)
                 recorder = stack.enter_context(Recorder(folder, layout))
             except (RunError, OSError) as error:
                 warnings.warn(f"the episodes are not recorded: {error}", Notice, stacklevel=3)
