@@ -12,7 +12,7 @@ import csv
 import io
 import itertools
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
@@ -126,21 +126,22 @@ class Table(Closing):
         self._path = path
         self._columns = tuple(columns)
         self._rows: list[Sequence[Any]] = []
-        try:
+        with self._or_refused("The table is unchanged."), contextlib.ExitStack() as stack:
             file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-            self._file = os.fdopen(file, "r+b", buffering=0)
-        except OSError as error:
-            raise cannot_write(path, error, "The table is unchanged.") from error
+            self._file = stack.enter_context(os.fdopen(file, "r+b", buffering=0))
+            end = self._end_of(rows)
+            self._file.truncate(end)
+            if not end:
+                self._rows.append(self._columns)
+                self.flush()
+            stack.pop_all()
+
+    @contextlib.contextmanager
+    def _or_refused(self, kept: str) -> Iterator[None]:
         try:
-            self._end = self._end_of(rows)
-            self._file.truncate(self._end)
-            if not self._end:
-                self._write(_lines([columns]))
-        except BaseException as error:
-            self._file.close()
-            if isinstance(error, OSError):
-                raise cannot_write(path, error, "The table is unchanged.") from error
-            raise
+            yield
+        except OSError as error:
+            raise cannot_write(self._path, error, kept) from error
 
     def _end_of(self, rows: int) -> int:
         """Return the number of bytes up to the end of a row; 0 for a file without a header."""
@@ -167,51 +168,38 @@ class Table(Closing):
 
         Its values, one per column, must not change afterwards.
         """
-        if len(row) != len(self._columns):
-            raise ValueError(
-                f"{len(row)} values for the {len(self._columns)} columns of {self._path}"
-            )
         self._rows.append(row)
         if len(self._rows) >= 1024:
             self.flush()
 
     def flush(self) -> None:
         """Write all buffered rows at once; after a failure they are still buffered."""
-        if self._rows:
-            self._write(_lines(self._rows))
-            self._rows.clear()
+        if not self._rows:
+            return
+        rest = memoryview(_lines(self._rows))
+        end = self._file.seek(0, os.SEEK_END)
+        with self._or_refused(f"Its rows up to byte {end} are intact."):
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except BaseException:
+                # Remove a partial row: the next one would be appended to it.
+                with contextlib.suppress(OSError):
+                    self._file.truncate(end)
+                raise
+        self._rows.clear()
 
     def sync(self) -> None:
         """Flush, and wait until the disk holds the rows."""
         self.flush()
-        try:
+        with self._or_refused("Its last rows may be missing."):
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise cannot_write(self._path, error, "Its last rows may be missing.") from error
 
     def close(self) -> None:
         """Flush and close; a second call does nothing."""
-        if self._file.closed:
-            return
-        try:
-            self.flush()
-        finally:
-            self._file.close()
-
-    def _write(self, data: bytes) -> None:
-        rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except BaseException as error:
-            # Remove a partial row: the next one would be appended to it.
-            with contextlib.suppress(OSError):
-                self._file.truncate(self._end)
-            if not isinstance(error, OSError):
-                raise
-            kept = f"Its rows up to byte {self._end} are intact."
-            raise cannot_write(self._path, error, kept) from error
-        self._end += len(data)
+        if not self._file.closed:
+            with self._file:
+                self.flush()
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> bytes:

@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.files import Closing
@@ -220,7 +219,6 @@ class Trainer(Bookkeeping, Closing):
             "episode": self.episode,
             "env_steps": self.env_steps,
             "tally": self.tally.state_dict(),
-            "recent": list(self.recent),
             "pretrained": self._pretrained,
             "wall_time": self.wall_time,
             "environments": {
@@ -240,8 +238,6 @@ class Trainer(Bookkeeping, Closing):
         for name in ("episode", "env_steps"):
             setattr(self, name, saved.whole(name))
         self.tally.load_state_dict(saved.part("tally")[1])
-        self.recent.clear()
-        self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")
         self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
         environments = Saved("environments", {}, saved.part("environments")[1])

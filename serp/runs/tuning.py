@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import NonNegativeInt, PositiveInt, field_validator
+from pydantic import NonNegativeInt, PositiveInt
 
 from serp._util.files import json_text
 from serp._util.text import readable
@@ -44,13 +44,6 @@ class TuneSettings(TrialsRequest):
     trials: PositiveInt = 50
     env_steps: PositiveInt | None = None
     seed: NonNegativeInt = 0
-
-    @field_validator("vary", mode="before")
-    @classmethod
-    def _varied(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise ValueError("must be a mapping, such as {'planner.depth': '2..7'}")
-        return value
 
 
 @dataclass(frozen=True)
