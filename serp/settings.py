@@ -106,6 +106,14 @@ def assigned(texts: Iterable[str]) -> Changes:
     return changes
 
 
+def first_of(error: Exception) -> str:
+    """Return the first problem that an error of a validation names; of another one its message."""
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+
+
 def _refusal(section: type[Section], error: ValidationError) -> str:
     """Say which values are refused, and what is allowed instead."""
     said = [_said(section, problem) for problem in error.errors(include_url=False)]

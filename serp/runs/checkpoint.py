@@ -80,26 +80,21 @@ def load(path: Path) -> Checkpoint:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
     try:
         entry = json.loads(text)
-        version = entry["format"]
-        if type(version) is not int or version < 1:
-            raise ValueError(f"format {version!r}")
-        if version == FORMAT:
-            intact = _digest(loaded, entry["meta"]) == entry["sha256"]
-            meta = json.loads(entry["meta"])
-            if not isinstance(meta, dict):
-                raise ValueError("not a JSON object")
+        if entry["format"] != FORMAT:
+            raise RunError(
+                f"the checkpoint {path} has format {entry['format']}, which another version of "
+                f"serp wrote; this one reads format {FORMAT}. Use the version that config.json "
+                "names, or train again."
+            )
+        if _digest(loaded, entry["meta"]) != entry["sha256"]:
+            raise RunError(
+                f"{damaged} its content is not what was written (the digest differs). {_RESTORE}"
+            )
+        meta = json.loads(entry["meta"])
+        if not isinstance(meta, dict):
+            raise ValueError("not a JSON object")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise RunError(f"{damaged} its metadata cannot be read. {_RESTORE}") from error
-    if version != FORMAT:
-        raise RunError(
-            f"the checkpoint {path} has format {version}, which another version of serp wrote; "
-            f"this one reads format {FORMAT}. Use the version that config.json names, or train "
-            "again."
-        )
-    if not intact:
-        raise RunError(
-            f"{damaged} its content is not what was written (the digest differs). {_RESTORE}"
-        )
     # safetensors may return arrays over immutable bytes, but the state is modified after loading.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
     return Checkpoint(arrays, meta)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import itertools
 import os
 import re
 import socket
@@ -29,7 +30,9 @@ from serp._util.files import (
     require_regular,
 )
 from serp.errors import RunError
-from serp.runs.run_config import CONFIG, LOCK
+from serp.runs.run_config import CONFIG
+
+LOCK: Final = ".lock"
 
 
 def lock_folder(folder: Path) -> FileLock:
@@ -78,12 +81,9 @@ def default_path(domain_name: str) -> Path:
     """Return the default folder of a run: ``runs/<domain>-<time>``, and ``-2``, … if it exists."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
     stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
-    first = path = Path("runs") / f"{name}-{stamp}"
-    number = 1
-    while os.path.lexists(path):
-        number += 1
-        path = first.with_name(f"{first.name}-{number}")
-    return path
+    endings = itertools.chain([""], (f"-{number}" for number in itertools.count(2)))
+    paths = (Path("runs") / f"{name}-{stamp}{ending}" for ending in endings)
+    return next(path for path in paths if not os.path.lexists(path))
 
 
 def make_empty(path: Path) -> None:

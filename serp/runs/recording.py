@@ -24,7 +24,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from serp._util.did_you_mean import listed
 from serp._util.files import (
@@ -42,6 +42,7 @@ from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
+from serp.settings import first_of
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 RECORDING: Final = "recording"
@@ -181,12 +182,9 @@ class Layout(BaseModel):
                 if getattr(found, name) != cls.model_fields[name].default:
                     raise ValueError(f"it has other {name}")
         except ValueError as error:
-            what = str(error)
-            if isinstance(error, ValidationError):
-                wrong = error.errors(include_url=False)[0]
-                what = ": ".join([*map(str, wrong["loc"]), wrong["msg"]])
             raise RunError(
-                f"{file} was written by another version of serp, or is damaged: {what}. {_AGAIN}"
+                f"{file} was written by another version of serp, or is damaged: "
+                f"{first_of(error)}. {_AGAIN}"
             ) from None
         return found
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeI
 from serp._util.files import json_text, read_json, write_durably
 from serp._util.numbers import COUNTED
 from serp.errors import RunError, SettingsError
-from serp.settings import Section, Settings
+from serp.settings import Section, Settings, first_of
 from serp.tasks.file_world import WorldOptions
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 FORMAT: Final = 5
 """Raised where a run of before cannot be read any more."""
 CONFIG: Final = "config.json"
-LOCK: Final = ".lock"
 
 Limit = Annotated[int, Field(ge=1)] | None
 
@@ -144,11 +143,6 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         raise RunError(f"there is no run {folder}: no such folder.")
     file = folder / CONFIG
     if not os.path.isfile(file):
-        if os.path.lexists(folder / LOCK):
-            raise RunError(
-                f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
-                f"nothing to continue. Begin it again, with --out {folder}."
-            )
         raise RunError(
             f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
         )
@@ -164,12 +158,9 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
     try:
         return about, _Metadata.model_validate(about).config
     except (ValidationError, SettingsError) as error:
-        what = str(error)
-        if isinstance(error, ValidationError):
-            wrong = error.errors(include_url=False)[0]
-            what = f"{'.'.join(map(str, wrong['loc']))}: {wrong['msg']}"
         raise RunError(
-            f"{file} was not written by serp, or is damaged: {what}. Restore it from a copy."
+            f"{file} was not written by serp, or is damaged: {first_of(error)}. Restore it from a "
+            "copy."
         ) from None
 
 

@@ -10,9 +10,8 @@ import pytest
 from serp._util.files import aside_of, write_durably, write_together
 from serp.errors import RunError
 from serp.runs.checkpoint import CHECKPOINT, save
-from serp.runs.folder import DECISIONS, METRICS, SUMMARY
+from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY
 from serp.runs.run import Run
-from serp.runs.run_config import LOCK
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
 from tests.serp.runs.test_folder import create
 
