@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import percent, plural, readable
+from serp._util.text import duration, percent, plural, readable
 from serp.agent.causes import Cause, observed_causes
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.counterfactuals import Counterfactuals, counterfactuals
@@ -138,23 +138,13 @@ def most_telling(recording: Recording) -> tuple[int, str]:
     return len(recording) - 1, "the last step: nothing was refused, and nothing unsafe"
 
 
-def clock(seconds: float) -> str:
-    """Return seconds as `3:12`, `1:03:12` or, where they are not whole, `3:12.46`."""
-    hundredths = round(100 * seconds)
-    minutes, rest = divmod(hundredths, 6000)
-    hours, minutes = divmod(minutes, 60)
-    text = f"{rest // 100:02}" + (f".{rest % 100:02}".rstrip("0") if rest % 100 else "")
-    return f"{hours}:{minutes:02}:{text}" if hours else f"{minutes}:{text}"
-
-
 @dataclass(frozen=True)
 class StepAccount:
     """The account of a recorded step.
 
     Attributes:
         step: The step, with its decision.
-        time: Time since the episode began, such as `3:12.4`.
-        because: Why this step was chosen; empty where it was asked for.
+        time: Time since the episode began, such as `3 min 12 s`.
         account: Alternatives with the recorded values, causes and runner-up.
         was_planned: Whether the planner planned. If not, it only checked which actions are safe,
             and the forecast of the step is that of `ahead_by`.
@@ -171,7 +161,6 @@ class StepAccount:
 
     step: StoredStep
     time: str
-    because: str
     account: Explanation
     was_planned: bool
     ahead_by: str
@@ -218,14 +207,13 @@ class StepAccount:
         }
 
 
-def account_of_step(run: Run, recording: Recording, step: int, because: str = "") -> StepAccount:
+def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
     """Return the account of a recorded step.
 
     Args:
         run: The run.
         recording: The recording, of the run or of an evaluation of it.
         step: Its position in the recording.
-        because: Why it is shown; empty where it was asked for.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
@@ -255,8 +243,7 @@ def account_of_step(run: Run, recording: Recording, step: int, because: str = ""
     observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(
         step=stored,
-        time=clock((stored.number - 1) * recording.layout.control_period),
-        because=because,
+        time=duration((stored.number - 1) * recording.layout.control_period),
         account=account,
         was_planned=planned,
         ahead_by="" if planner is None else planner.name,
@@ -387,9 +374,9 @@ def other_vetoes_of(
 
 
 def heading(account: StepAccount) -> str:
-    """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
+    """Return which step it is: `step 1,204, that is step 37 of episode 12, after 14.4 s`."""
     of, time = account.step, account.time
-    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, at {time}"
+    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, after {time}"
 
 
 def who_acted(account: StepAccount) -> list[str]:

@@ -60,20 +60,20 @@ def command(
         step, because = most_telling(recording)
     elif episode is not None:
         step = recording.find(episode, step)
-    account = account_of_step(read, recording, step, because)
+    account = account_of_step(read, recording, step)
     if as_json:
         about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
-        print_json({**about, **account.as_dict()})
+        print_json({**about, "because": because, **account.as_dict()})
     else:
-        _print(open_console(), read, account)
+        _print(open_console(), read, account, because)
 
 
-def _print(console: Console, run: Run, account: StepAccount) -> None:
+def _print(console: Console, run: Run, account: StepAccount, because: str) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
     from serp.ui.decision import print_account
 
-    because = f" ({account.because})" if account.because else ""
+    because = f" ({because})" if because else ""
     console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")
     console.print(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
     for line in who_acted(account):
