@@ -61,15 +61,6 @@ class Section(_Validated):
         """Return the section with other values."""
         return type(self)(**{**dict(self), **changes})
 
-    @classmethod
-    def from_dict(cls, values: Any) -> Self:
-        """Return the section that `as_dict` wrote.
-
-        Raises:
-            SettingsError: It is none.
-        """
-        return cls(**dict(entries(values, cls.section(), "{}")))
-
     def as_dict(self) -> dict[str, Any]:
         """Return setting → JSON value (tuples as lists)."""
         return {name: list(v) if isinstance(v, tuple) else v for name, v in self}
@@ -322,15 +313,6 @@ class Settings(_Validated):
     def as_dict(self) -> dict[str, dict[str, Any]]:
         """Return section → setting → JSON value (tuples as lists)."""
         return {name: section.as_dict() for name, section in self}
-
-    @classmethod
-    def from_dict(cls, sections: Changes) -> Settings:
-        """Return the settings that `as_dict` wrote.
-
-        Raises:
-            SettingsError: A name is unknown, or a value is out of range.
-        """
-        return cls().replace(sections)
 
 
 def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, NonNegativeInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
 
 from serp._util.files import json_text, read_json, write_durably
 from serp._util.numbers import COUNTED
@@ -54,13 +54,6 @@ class Budget(Section):
         return any(counts[name] >= limit for name, limit in self.limits.items())
 
 
-def _read(kind: type[Section | Settings]) -> BeforeValidator:
-    """Return what reads a section, or all settings, from JSON values."""
-    return BeforeValidator(
-        lambda value: value if isinstance(value, kind) else kind.from_dict(value)
-    )
-
-
 class RunConfig(BaseModel):
     """What a training is made of."""
 
@@ -73,7 +66,7 @@ class RunConfig(BaseModel):
     observed: list[str] | None = []
     """Fluents that the environment gives although the problem's `:init` states them. None: all
     states can be reached from there, see `Task.closed`."""
-    world: Annotated[WorldOptions, _read(WorldOptions)] | None = None
+    world: WorldOptions | None = None
     """What the environment was made with, if it was made of the file itself."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of each grounded domain."""
@@ -91,9 +84,9 @@ class RunConfig(BaseModel):
     """Whether the domain file gives rewards."""
     control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """Seconds between two decisions."""
-    budget: Annotated[Budget, _read(Budget)]
+    budget: Budget
     """The budget that the run began with."""
-    settings: Annotated[Settings, _read(Settings)]
+    settings: Settings
     """All settings."""
 
 

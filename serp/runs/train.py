@@ -32,7 +32,7 @@ from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
 from serp.runs.tables import read_metrics
 from serp.runs.trainer import Callbacks, OnEpisode, Trainer
-from serp.settings import resolve
+from serp.settings import entries, resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import Task, describe_source
 
@@ -129,7 +129,7 @@ def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
         saved = run.read_checkpoint()
         with run.reading(saved) as values:
             trainer.load_state_dict(*saved)
-            before = Budget.from_dict(values.part("budget")[1])
+            before = Budget(**dict(entries(values.part("budget")[1], "budget", "{}")))
     return before
 
 
