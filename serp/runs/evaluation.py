@@ -27,8 +27,6 @@ Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""
 EPISODES: Final = 100
 """Default number of episodes."""
-ENOUGH: Final = WINDOW
-"""Number of episodes below which mean and interval are rough."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +78,11 @@ class EvaluationResult:
     def warning(self) -> str | None:
         """A warning of too few episodes; None if there are enough."""
         count = len(self.returns)
-        if count >= ENOUGH:
+        if count >= WINDOW:
             return None
         return (
             f"These are few episodes ({count}): mean and interval are rough. Take at least "
-            f"{ENOUGH}."
+            f"{WINDOW}."
         )
 
     def as_dict(self) -> dict[str, Any]:
