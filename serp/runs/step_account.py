@@ -8,7 +8,7 @@ the same choice in this state, see `agreeing_planner`. Where none does, it is le
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final
 
@@ -234,7 +234,12 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         paths = [ahead[g] if g >= 0 else [] for g in ground]
         within = recording.ranges, recording.whole
         other_choices = planner.other_choices(state, *within)
-        other_vetoes = other_vetoes_of(run, stored, planner, *within)
+        refused = refusal_of(run, stored)
+        if refused is not None and refused(planner.forecast(state)):
+            other_vetoes = counterfactuals(
+                lambda state: refused(planner.forecast(state)), run.model, state, within[0],
+                whole=within[1], called=("allowed", "refused").__getitem__, seconds=_SECONDS,
+            )  # fmt: skip
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,
@@ -347,27 +352,6 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
     actions = ActionMap(run.model, len(run.model.actions))
     vetoes = VetoPolicy(actions, run.made.settings.arbiter)
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
-
-
-def other_vetoes_of(
-    run: Run,
-    step: StoredStep,
-    planner: ChosenPlanner,
-    ranges: tuple[Vector, Vector],
-    whole: Collection[int],
-) -> Counterfactuals | None:
-    """Return the changes of one fluent with which the proposal of a step is not refused.
-
-    `ranges` and `whole` are those of `counterfactuals`. None where none was refused, or none is
-    refused today.
-    """
-    refused = refusal_of(run, step)
-    if refused is None or not refused(planner.forecast(step.state)):
-        return None
-    return counterfactuals(
-        lambda state: refused(planner.forecast(state)), run.model, step.state, ranges, whole=whole,
-        called=("allowed", "refused").__getitem__, seconds=_SECONDS,
-    )  # fmt: skip
 
 
 # Sentences ----------------------------------------------------------------------------------------
