@@ -179,7 +179,8 @@ def evaluate(
     """
     totals: list[EpisodeTotals] = []
     for steps in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
-        *_, last = steps
+        for step in steps:
+            last = step
         totals.append(last.episode)
         on_episode()
     counts: Counter[str] = Counter()

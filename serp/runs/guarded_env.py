@@ -281,8 +281,12 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin the next episode; one that is running is truncated."""
-        self._cut_off()
+        """Begin the next episode; one that is running is truncated, if a step was made in it."""
+        rollout = self._rollout
+        if rollout is not None and not rollout.over and rollout.totals.length:
+            rollout.totals.truncated = True
+            self._agent.cut_off()
+            self._end_episode(rollout.totals)
         return super().reset(seed=seed, options=options)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
@@ -303,14 +307,6 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             self._end_episode(step.episode)
         return super().after_step(step)
 
-    def _cut_off(self) -> None:
-        """Truncate the running episode, if a step was made in it."""
-        rollout = self._rollout
-        if rollout is not None and not rollout.over and rollout.totals.length:
-            rollout.totals.truncated = True
-            self._agent.cut_off()
-            self._end_episode(rollout.totals)
-
     def _end_episode(self, totals: EpisodeTotals) -> None:
         agent = self._agent
         if self._initial:
@@ -327,9 +323,9 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             render_mode: One of Gymnasium's render modes, if pictures are needed.
         """
         bound = self._task.task.bind(render_mode=render_mode)
-        return EvaluationEnv(bound, self._agent, seed_of(seed), self._task, self._begin_evaluation)
+        return EvaluationEnv(bound, self, seed_of(seed))
 
-    def _begin_evaluation(self) -> None:
+    def begin_evaluation(self) -> None:
         """Let what the planner keeps from now on be forgotten at the training's next decision."""
         if self._evaluation is None:
             self._evaluation = contextlib.ExitStack()
@@ -359,31 +355,22 @@ class EvaluationEnv(ArbitratedEnv):
 
     Args:
         task: The task, with an environment of its own.
-        agent: The agent in training.
+        training: The environment in which the agent is trained.
         seed: Seed of the episodes.
-        trained_in: The task in which it is trained.
-        begin: Called before each episode and decision; from then on, the planner keeps what it
-            finds for the evaluation alone.
     """
 
-    def __init__(
-        self,
-        task: BoundTask,
-        agent: Agent,
-        seed: int,
-        trained_in: BoundTask,
-        begin: Callable[[], None],
-    ) -> None:
-        super().__init__(task, agent, seed, evaluation_seed)
-        self._trained_in, self._begin = trained_in, begin
+    def __init__(self, task: BoundTask, training: GuardedEnv, seed: int) -> None:
+        super().__init__(task, training._agent, seed, evaluation_seed)
+        self._training = training
 
     def next_seed(self, seed: int | None) -> int:
         """Begin an episode with the running statistics of the training; return its seed."""
-        self._begin()
-        self._task.restore_environment(self._trained_in.environment_state(), statistics_only=True)
+        self._training.begin_evaluation()
+        trained_in = self._training._task
+        self._task.restore_environment(trained_in.environment_state(), statistics_only=True)
         return super().next_seed(seed)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
         """Return the decision in a state, as after training."""
-        self._begin()
+        self._training.begin_evaluation()
         return self._agent.arbiter.decide_greedily(state, learner)

@@ -27,6 +27,9 @@ class RunLog(Closing):
         env_steps, episodes: Env steps and episodes that the run has made before; what was written
             of later ones is removed.
 
+    Attributes:
+        metrics: The table of the episodes.
+
     Raises:
         RunError: Less than that is there, it is of another run, or the disk fails.
     """
@@ -37,12 +40,10 @@ class RunLog(Closing):
         self._name = task.actions.name
         layout = Layout.of(task.model, task.actions)
         with contextlib.ExitStack() as stack:
-            self._metrics = Table(folder / METRICS, METRICS_COLUMNS, episodes)
-            stack.enter_context(self._metrics)
-            self._decisions = Table(folder / DECISIONS, DECISIONS_COLUMNS, env_steps)
-            stack.enter_context(self._decisions)
-            self._recorder = Recorder(folder / RECORDING, layout, env_steps)
-            stack.enter_context(self._recorder)
+            enter = stack.enter_context
+            self.metrics = enter(Table(folder / METRICS, METRICS_COLUMNS, episodes))
+            self._decisions = enter(Table(folder / DECISIONS, DECISIONS_COLUMNS, env_steps))
+            self._recorder = enter(Recorder(folder / RECORDING, layout, env_steps))
             self._open = stack.pop_all()
 
     def step(self, step: StepRecord, *, env_step: int, episode: int) -> None:
@@ -51,14 +52,10 @@ class RunLog(Closing):
         self._decisions.append(row)
         self._recorder.append(episode, step)
 
-    def episode(self, row: MetricsRow) -> None:
-        """Write the metrics of an episode."""
-        self._metrics.append(row)
-
     def flush(self) -> None:
         """Write what is buffered, and wait until the disk holds it."""
         self._recorder.flush()
-        self._metrics.sync()
+        self.metrics.sync()
         self._decisions.sync()
 
     def close(self) -> None:
@@ -124,5 +121,5 @@ class Bookkeeping:
             **counts,
         )
         if self.log is not None:
-            self.log.episode(row)
+            self.log.metrics.append(row)
         return row
