@@ -46,7 +46,6 @@ def taken(domain, experience, dt=1.0):
     return Recorded(
         run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
         adoption=ModelAdoption(adapts=False), env_steps=len(experience), learned_from="domain",
-        notice=None,
     )  # fmt: skip
 
 
