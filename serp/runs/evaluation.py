@@ -134,20 +134,18 @@ def play(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
     judge, decide = Judge(task), _decisions(agent, policy)
+
+    def steps_of(rollout: Rollout, number: int) -> Iterator[StepRecord]:
+        while not rollout.over:
+            step = rollout.step(decide(rollout.state, rollout.x))
+            if recorder is not None:
+                recorder.append(number, step)
+            yield step
+
     with agent.undisturbed():
         for episode in range(count):
             rollout = Rollout(task, agent, judge, evaluation_seed(seed, episode))
-            yield _steps(rollout, decide, recorder, episode + 1)
-
-
-def _steps(
-    rollout: Rollout, decide: Decide, recorder: Recorder | None, episode: int
-) -> Iterator[StepRecord]:
-    while not rollout.over:
-        step = rollout.step(decide(rollout.state, rollout.x))
-        if recorder is not None:
-            recorder.append(episode, step)
-        yield step
+            yield steps_of(rollout, episode + 1)
 
 
 def check_policy(policy: str) -> None:

@@ -305,8 +305,8 @@ class Run(Closing):
     @property
     def saved_agent(self) -> Saved:
         """What the checkpoint has of the agent."""
-        whole = Saved("run", self.checkpoint.arrays, self.checkpoint.meta)
-        return Saved("agent", self.checkpoint.arrays, whole.part("agent")[1])
+        arrays, meta = self.checkpoint
+        return Saved("agent", arrays, Saved("run", arrays, meta).part("agent")[1])
 
     @property
     def adapted(self) -> TransitionModel | None:

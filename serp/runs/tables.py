@@ -15,15 +15,13 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
+from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
 from serp._util.files import Closing, cannot_write, open_regular, read_regular
+from serp.agent.decision import Decision
 from serp.errors import RunError
-
-if TYPE_CHECKING:
-    from serp.agent.decision import Decision
 
 
 class MetricsRow(NamedTuple):

@@ -44,8 +44,6 @@ SIGNALS: Final[tuple[signal.Signals, ...]] = (
 _ECHO: Final = 1.0
 """Seconds in which a repeated SIGTERM or SIGHUP counts as the same request, because `timeout`,
 shells and schedulers send it to the process and to its group."""
-
-
 CHECKPOINT_SECONDS: Final = 15.0
 """Longest time between two checkpoints; they are written between episodes."""
 
