@@ -26,12 +26,8 @@ _WANTED = {
 """Pydantic's error type → the message."""
 
 
-class Section(BaseModel):
-    """A section of the settings: immutable, and validated on creation.
-
-    NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
-    What is outside its range, of another type, or unknown is a `SettingsError`.
-    """
+class _Validated(BaseModel):
+    """Immutable values; what is outside its range, of another type, or unknown is refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -41,6 +37,19 @@ class Section(BaseModel):
         except ValidationError as error:
             raise SettingsError(_refusal(type(self), error)) from None
 
+    @classmethod
+    def section(cls) -> str:
+        """Return the section's name: `PlannerSettings` is `planner`."""
+        return cls.__name__.removesuffix("Settings").lower() or "settings"
+
+
+class Section(_Validated):
+    """A section of the settings: immutable, and validated on creation.
+
+    NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
+    What is outside its range, of another type, or unknown is a `SettingsError`.
+    """
+
     @field_validator("*", mode="before")
     @classmethod
     def _as_python(cls, value: Any) -> Any:
@@ -48,23 +57,9 @@ class Section(BaseModel):
             return tuple(_plain(entry) for entry in value)
         return _plain(value)
 
-    @classmethod
-    def section(cls) -> str:
-        """Return the section's name: `PlannerSettings` is `planner`."""
-        return cls.__name__.removesuffix("Settings").lower()
-
     def replace(self, **changes: Any) -> Self:
         """Return the section with other values."""
         return type(self)(**{**dict(self), **changes})
-
-    @classmethod
-    def from_dict(cls, values: Any) -> Self:
-        """Return the section that `as_dict` wrote.
-
-        Raises:
-            SettingsError: It is none.
-        """
-        return cls(**dict(entries(values, cls.section(), "{}")))
 
     def as_dict(self) -> dict[str, Any]:
         """Return setting → JSON value (tuples as lists)."""
@@ -106,13 +101,21 @@ def assigned(texts: Iterable[str]) -> Changes:
     return changes
 
 
-def _refusal(section: type[Section], error: ValidationError) -> str:
+def first_of(error: Exception) -> str:
+    """Return the first problem that an error of a validation names; of another one its message."""
+    if not isinstance(error, ValidationError):
+        return str(error)
+    first = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+
+
+def _refusal(section: type[_Validated], error: ValidationError) -> str:
     """Say which values are refused, and what is allowed instead."""
     said = [_said(section, problem) for problem in error.errors(include_url=False)]
     return "; ".join(dict.fromkeys(said))
 
 
-def _said(section: type[Section], problem: ErrorDetails) -> str:
+def _said(section: type[_Validated], problem: ErrorDetails) -> str:
     name = section.section()
     why = _WANTED.get(problem["type"], problem["msg"])
     why = why.removeprefix("Value error, ").replace("Input should be", "must be")
@@ -165,24 +168,23 @@ class PlannerSettings(Section):
 class AdaptationSettings(Section):
     """Online adaptation of the model by its one-step errors."""
 
-    mode: Literal["off", "parameters", "residual", "full"] = "off"
+    mode: Literal["off", "parameters", "residual", "full", "rewards"] = "off"
     """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
     estimated. `residual`: a model of the remaining one-step error is learned. `full`: both.
-    With any mode but `off`, the planner prefers in its turns of a training actions observed fewer
-    than 4 times that are predicted safe."""
-    rewards: bool = False
-    """Whether the rewards of the file are corrected, too, by those that the task learns from: for
-    files whose rewards estimate these. Where they are hints for the planner, they would be lost."""
+    `rewards`: as `full`, and the rewards of the file are corrected, too, by those that the task
+    learns from: for files whose rewards estimate these. Where they are hints for the planner, they
+    would be lost. With any mode but `off`, the planner prefers in its turns of a training actions
+    observed fewer than 4 times that are predicted safe."""
 
     @property
     def residual(self) -> bool:
         """Whether a residual is learned."""
-        return self.mode in ("residual", "full")
+        return self.mode in ("residual", "full", "rewards")
 
     @property
     def parameters(self) -> bool:
         """Whether parameters of the file are estimated."""
-        return self.mode in ("parameters", "full")
+        return self.mode in ("parameters", "full", "rewards")
 
 
 class ArbiterSettings(Section):
@@ -274,7 +276,7 @@ Changes = Mapping[str, Mapping[str, Any]]
 """Section → setting → value."""
 
 
-class Settings(BaseModel):
+class Settings(_Validated):
     """All settings, by section; immutable.
 
     `serp.Settings()` has the defaults; `serp.Settings(planner=PlannerSettings(depth=3))`
@@ -284,25 +286,12 @@ class Settings(BaseModel):
         SettingsError: A section is unknown or not of its class.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     planner: PlannerSettings = Field(default_factory=PlannerSettings)
     adaptation: AdaptationSettings = Field(default_factory=AdaptationSettings)
     arbiter: ArbiterSettings = Field(default_factory=ArbiterSettings)
     guide: GuideSettings = Field(default_factory=GuideSettings)
     learner: LearnerSettings = Field(default_factory=LearnerSettings)
     training: TrainingSettings = Field(default_factory=TrainingSettings)
-
-    def __init__(self, **sections: Any) -> None:
-        try:
-            super().__init__(**sections)
-        except ValidationError as error:
-            wrong = error.errors(include_url=False)[0]
-            section = str(wrong["loc"][0])
-            wanted = f"{section.title()}Settings"
-            raise SettingsError(
-                f"settings: section `{section}` must be a {wanted}, not {wrong['input']!r}"
-            ) from None
 
     def replace(self, changes: Changes) -> Settings:
         """Return the settings with changes.
@@ -317,24 +306,13 @@ class Settings(BaseModel):
                 known = did_you_mean(str(name), Settings.model_fields)
                 raise SettingsError(f"there is no section `{name}`; {known}")
             section: Section = getattr(self, name)
-            first, value = next(iter(section))
-            example = f"{{{first!r}: {value!r}}}"
-            changed = dict(entries(values, f"settings: section `{name}`", example))
-            sections[name] = section.replace(**{str(key): v for key, v in changed.items()})
+            changed = entries(values, f"settings: section `{name}`", '{"name": "..."}')
+            sections[name] = section.replace(**{str(key): value for key, value in changed})
         return self.model_copy(update=sections)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
         """Return section → setting → JSON value (tuples as lists)."""
         return {name: section.as_dict() for name, section in self}
-
-    @classmethod
-    def from_dict(cls, sections: Changes) -> Settings:
-        """Return the settings that `as_dict` wrote.
-
-        Raises:
-            SettingsError: A name is unknown, or a value is out of range.
-        """
-        return cls().replace(sections)
 
 
 def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:

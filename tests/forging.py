@@ -8,7 +8,6 @@ raises anything but a `SerpError` is known by its seed.
 
 import copy
 import faulthandler
-import hashlib
 import json
 import random
 import shutil
@@ -20,9 +19,9 @@ import numpy as np
 from serp import plan_and_learn
 from serp.errors import SerpError
 from serp.runs import results
-from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
+from serp.runs.checkpoint import CHECKPOINT, load, save
 from serp.runs.folder import METRICS
-from serp.runs.policy import AGENT, MANIFEST, Policy, export_policy
+from serp.runs.policy import Policy, export_policy
 from serp.runs.tables import read_metrics
 
 BEGUN, FURTHER = 600, 40
@@ -39,7 +38,6 @@ VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1],
 def begin(name, path):
     """Trains for a while."""
     plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
-    (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
 
 
 def resumed(path):
@@ -55,15 +53,12 @@ def resumed(path):
 
 
 def decided(path):
-    """Makes some decisions on a robot, with its manifest made to fit; says how that ended."""
-    manifest = json.loads((path / MANIFEST).read_text())
-    manifest["files"][AGENT] = hashlib.sha256((path / AGENT).read_bytes()).hexdigest()
-    (path / MANIFEST).write_text(json.dumps(manifest))
+    """Makes some decisions on a robot; says how that ended."""
     try:
         policy = Policy(path)
         for k in range(12):
             state = np.full(len(policy.fluents), float(k % 4))
-            policy.decide(np.full(len(manifest["observation"]), float(k)), state=state)
+            policy.decide(np.full(len(policy.about["observation"]), float(k)), state=state)
     except SerpError as error:
         return f"refused: {error}"
     return "went on"
@@ -144,12 +139,12 @@ def main(folder, first, count, robots=""):
     results.write_results = lambda folder, *results: None
     if not folder.exists():
         begin("cliff", folder)
-    whole, name, used = folder, NEWEST, resumed
+    whole, used = folder, resumed
     if robots:
-        whole, name, used = folder.with_name(f"{folder.name}-robot"), AGENT, decided
+        whole, used = folder.with_name(f"{folder.name}-robot"), decided
         if not whole.exists():
             export_policy(folder, whole)
-    arrays, meta = load(whole / name)
+    arrays, meta = load(whole / CHECKPOINT)
     target = whole.with_name(f"{whole.name}-forged")
     for seed in range(first, first + count):
         dice = random.Random(seed)
@@ -158,7 +153,7 @@ def main(folder, first, count, robots=""):
             what = forged(own, own_meta, dice)
         shutil.rmtree(target, ignore_errors=True)
         shutil.copytree(whole, target)
-        save(target / name, own, own_meta)
+        save(target / CHECKPOINT, own, own_meta)
         print(json.dumps([seed, what]), flush=True)
         faulthandler.dump_traceback_later(SECONDS, exit=True)
         with np.errstate(all="ignore"):

@@ -2,8 +2,7 @@
 
 A run may come from an untrusted source: a link in it could cause a file elsewhere to be read or
 overwritten, and a named pipe would block forever. A crash, a full disk or a lost network drive
-leaves either the previous file or the new one. What is refused or fails is a `RunError`; functions
-that read raise the system's own `OSError`, so that their callers can say what is missing.
+leaves either the previous file or the new one. What is refused or fails is a `RunError`.
 """
 
 from __future__ import annotations
@@ -96,19 +95,26 @@ def refuse_hard_link(path: Path, file: int) -> None:
         )
 
 
-def read_regular(path: Path, most: int | None = None) -> bytes:
-    """Read all of a regular file of at most `most` bytes, by default what fits into memory."""
-    with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        try:
-            if most is not None and size > most:
-                raise MemoryError
-            return file.read()
-        except MemoryError:
-            raise RunError(
-                f"{path} is too large ({size:,} bytes) to be a file that serp wrote. Restore it "
-                "from a copy."
-            ) from None
+def read_regular(
+    path: Path, most: int | None = None, advice: str = "Restore it from a copy."
+) -> bytes:
+    """Read all of a regular file of at most `most` bytes, by default what fits into memory.
+
+    `advice` ends the message of the `RunError` if it cannot be read.
+    """
+    try:
+        with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            try:
+                if most is not None and size > most:
+                    raise MemoryError
+                return file.read()
+            except MemoryError:
+                raise RunError(
+                    f"{path} is too large ({size:,} bytes) to be a file that serp wrote. {advice}"
+                ) from None
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror or error}. {advice}") from error
 
 
 def require_regular(path: Path) -> Path:
@@ -147,15 +153,10 @@ def write_together(contents: Mapping[Path, bytes | str]) -> None:
             aside = stack.enter_context(replaced_durably(path))
             if isinstance(content, str):
                 content = content.encode("utf-8", "backslashreplace")
-            write_flushed(aside, content)
-
-
-def write_flushed(path: Path, data: bytes) -> None:
-    """Write a file and flush it to the disk, so that what follows can rely on it."""
-    with open(path, "wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
+            with open(aside, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
 
 
 @contextlib.contextmanager
@@ -236,7 +237,7 @@ def json_text(value: object) -> str:
 
     NaN and the infinities, which JSON cannot express, are a ValueError; see `finite`.
     """
-    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=as_json)
     return text + "\n"
 
 
@@ -257,9 +258,7 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
     `advice` ends the message of the `RunError` if it cannot be read.
     """
     try:
-        content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))
-    except OSError as error:
-        raise RunError(f"cannot read {file}: {error.strerror or error}. {advice}") from error
+        content = json.loads(read_regular(file, _LARGEST, advice).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise RunError(f"{file} is damaged ({error}). {advice}") from error
     if not isinstance(content, dict):
@@ -267,7 +266,8 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
     return content
 
 
-def _as_json(value: object) -> Any:
+def as_json(value: object) -> Any:
+    """Return the JSON value of a NumPy value, an enum or a path, for `json.dumps`."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, Enum):

@@ -104,23 +104,17 @@ class Saved:
 
     def wholes(self, name: str, length: int, low: int = 0, high: int = MOST) -> list[int]:
         """Return a list of `length` whole numbers."""
-        return self._list(name, length, length, _whole(low, high))
+        return self._list(name, length, _whole(low, high))
 
     def real(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
         """Return a number from `low` to `high`, never NaN."""
         return float(self._checked(name, self._value(name), _real(low, high)))
 
     def reals(
-        self,
-        name: str,
-        length: int,
-        low: float = -LARGEST,
-        high: float = LARGEST,
-        least: int | None = None,
+        self, name: str, length: int, low: float = -LARGEST, high: float = LARGEST
     ) -> list[float]:
-        """Return a list of `length` numbers, or of `least` to `length` numbers."""
-        values = self._list(name, length if least is None else least, length, _real(low, high))
-        return [float(value) for value in values]
+        """Return a list of `length` numbers."""
+        return [float(value) for value in self._list(name, length, _real(low, high))]
 
     def truth(self, name: str) -> bool:
         """Return a truth value."""
@@ -128,7 +122,7 @@ class Saved:
 
     def truths(self, name: str, length: int) -> list[bool]:
         """Return a list of `length` truth values."""
-        return self._list(name, length, length, _TRUTH)
+        return self._list(name, length, _TRUTH)
 
     def generator_state(self, name: str, generator: np.random.Generator) -> Mapping[str, Any]:
         """Return the state of a random generator of the same kind."""
@@ -160,10 +154,10 @@ class Saved:
             raise self.wrong(f"{name} is missing")
         return self._meta[name]
 
-    def _list(self, name: str, least: int, most: int, check: _Check) -> list[Any]:
+    def _list(self, name: str, length: int, check: _Check) -> list[Any]:
         values = self._value(name)
-        if not isinstance(values, list) or not least <= len(values) <= most:
-            raise self.wrong(f"{name} is {reprlib.repr(values)}, not a list of {most}")
+        if not isinstance(values, list) or len(values) != length:
+            raise self.wrong(f"{name} is {reprlib.repr(values)}, not a list of {length}")
         return [self._checked(name, value, check) for value in values]
 
     def _checked(self, name: str, value: Any, check: _Check) -> Any:

@@ -7,7 +7,7 @@ writes several in no fixed order. That is the text of a JSON object::
 
 Numbers in ``meta`` stay exact: integers of any size (a PCG64 state has 128 bits), and NaN and the
 infinities, which are written as Python's `json` writes them. What cannot be read or written is a
-`RunError`, of the class `CheckpointDamaged` if the file is truncated or altered.
+`RunError`.
 """
 
 from __future__ import annotations
@@ -16,42 +16,32 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from serp._util.files import read_regular, replaced_durably, write_durably, write_flushed
+from serp._util.files import as_json, read_regular, write_durably
 from serp.errors import RunError
 
 FORMAT: Final = 13
-NEWEST: Final = "checkpoint.safetensors"
-PREVIOUS: Final = "checkpoint-previous.safetensors"
-DAMAGED: Final = "checkpoint-damaged.safetensors"
+CHECKPOINT: Final = "checkpoint.safetensors"
+"""Name of the checkpoint in the folder of a run."""
+_RESTORE: Final = "Restore it from a copy, or train again."
 
 
-class CheckpointDamaged(RunError):
-    """A checkpoint is truncated or altered."""
-
-
-@dataclass(frozen=True)
-class Checkpoint:
-    """A checkpoint that `load_newest` has read.
+class Checkpoint(NamedTuple):
+    """The content of a checkpoint.
 
     Attributes:
         arrays: Name → writable array with the saved dtype and shape.
         meta: The JSON values saved with them.
-        path: The file that was read.
-        fallback: Why the previous checkpoint was read; None if the newest one is intact.
     """
 
     arrays: dict[str, np.ndarray[Any, Any]]
     meta: dict[str, Any]
-    path: Path
-    fallback: str | None = None
 
 
 def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> None:
@@ -62,91 +52,21 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
         arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
         meta: JSON values with strings as keys; NumPy scalars are allowed.
     """
-    write_durably(path, encoded(arrays, meta))
-
-
-def save_rotating(
-    folder: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
-) -> Path:
-    """Write the newest checkpoint of a folder, keep the last one as the previous one.
-
-    After the first call the folder always holds at least one intact checkpoint.
-    """
-    newest, previous = folder / NEWEST, folder / PREVIOUS
-    data = encoded(arrays, meta)
-    with replaced_durably(newest) as aside:
-        write_flushed(aside, data)
-        if newest.exists():
-            previous.unlink(missing_ok=True)
-            try:  # a second name, so that a reader always finds a newest one
-                os.link(newest, previous)
-            except OSError:  # no hard links on this file system
-                os.replace(newest, previous)
-    return newest
-
-
-def load(path: Path) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
-    """Read what `save` wrote, exactly: writable arrays and the JSON values."""
-    try:
-        data = read_regular(path)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise RunError(f"cannot read the checkpoint {path}: {error.strerror or error}.") from error
-    return decoded(path, data)
-
-
-def load_newest(folder: Path) -> Checkpoint:
-    """Read the newest intact checkpoint of a folder.
-
-    If the newest file is missing or damaged, the previous one is read, and `fallback` of the result
-    says so.
-    """
-    newest, previous = folder / NEWEST, folder / PREVIOUS
-    none_left = (
-        "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again "
-        "with another --out. metrics.csv and decisions.csv can still be read."
-    )
-    try:
-        return Checkpoint(*load(newest), newest)
-    except CheckpointDamaged as error:
-        fallback, advice = str(error), none_left
-    except FileNotFoundError:
-        fallback = f"there is no checkpoint {newest}."
-        advice = "A run can be continued or evaluated once it has written its first checkpoint."
-    try:
-        return Checkpoint(*load(previous), previous, fallback)
-    except CheckpointDamaged as error:
-        raise RunError(f"{fallback} The one before it: {error} {none_left}") from error
-    except FileNotFoundError:
-        raise RunError(f"{fallback} {advice}") from None
-
-
-def encoded(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
-    """Return the content of a checkpoint."""
-    plain = {name: _plain(name, array) for name, array in arrays.items()}
-    text = json.dumps(meta, default=_as_json)
-    entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
-    return safetensors.numpy.save(plain, {"serp": json.dumps(entry)})
-
-
-def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return the array in the layout of the file: C order, little-endian, a supported dtype."""
-    array = np.asarray(array)
-    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
-        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
     # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
-    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
+    plain = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    text = json.dumps(meta, default=as_json)
+    entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
+    write_durably(path, safetensors.numpy.save(plain, {"serp": json.dumps(entry)}))
 
 
-def _as_json(value: object) -> Any:
-    if isinstance(value, np.generic):
-        return value.item()
-    raise TypeError(f"a checkpoint's JSON cannot hold a {type(value).__name__}")
-
-
-def decoded(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
-    """Read the content of a checkpoint; `path` names it in errors."""
+def load(path: Path) -> Checkpoint:
+    """Read what `save` wrote, exactly."""
+    if not os.path.lexists(path):
+        raise RunError(
+            f"there is no checkpoint {path}. A run can be continued or evaluated once it has "
+            "written its first checkpoint."
+        )
+    data = read_regular(path, advice=_RESTORE)
     length_bytes = 8  # a safetensors file begins with the length of its header
     damaged = f"the checkpoint {path} is damaged:"
     try:
@@ -154,34 +74,30 @@ def decoded(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         size = int.from_bytes(data[:length_bytes], "little")
         header = json.loads(data[length_bytes : length_bytes + size])
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
-        raise CheckpointDamaged(f"{damaged} it is truncated or altered ({error}).") from error
+        raise RunError(f"{damaged} it is truncated or altered ({error}). {_RESTORE}") from error
     text = (header.get("__metadata__") or {}).get("serp")
     if text is None:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
     try:
         entry = json.loads(text)
-        version = entry["format"]
-        if type(version) is not int or version < 1:
-            raise ValueError(f"format {version!r}")
-        if version == FORMAT:
-            intact = _digest(loaded, entry["meta"]) == entry["sha256"]
-            meta = json.loads(entry["meta"])
-            if not isinstance(meta, dict):
-                raise ValueError("not a JSON object")
+        if entry["format"] != FORMAT:
+            raise RunError(
+                f"the checkpoint {path} has format {entry['format']}, which another version of "
+                f"serp wrote; this one reads format {FORMAT}. Use the version that config.json "
+                "names, or train again."
+            )
+        if _digest(loaded, entry["meta"]) != entry["sha256"]:
+            raise RunError(
+                f"{damaged} its content is not what was written (the digest differs). {_RESTORE}"
+            )
+        meta = json.loads(entry["meta"])
+        if not isinstance(meta, dict):
+            raise ValueError("not a JSON object")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise CheckpointDamaged(f"{damaged} its metadata cannot be read.") from error
-    if version != FORMAT:
-        raise RunError(
-            f"the checkpoint {path} has format {version}, which another version of serp wrote; "
-            f"this one reads format {FORMAT}. Use the version that config.json names, or train "
-            "again."
-        )
-    if not intact:
-        raise CheckpointDamaged(
-            f"{damaged} its content is not what was written (the digest differs)."
-        )
+        raise RunError(f"{damaged} its metadata cannot be read. {_RESTORE}") from error
     # safetensors may return arrays over immutable bytes, but the state is modified after loading.
-    return {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}, meta
+    arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
+    return Checkpoint(arrays, meta)
 
 
 def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: str) -> str:

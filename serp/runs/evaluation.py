@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple, get_args
+from typing import Any, Final, get_args
 
 import numpy as np
 
 from serp._util.did_you_mean import did_you_mean
 from serp._util.numbers import seed_of, whole
 from serp.agent.agent import Agent
+from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord, sight_of
 from serp.errors import SettingsError
+from serp.model.transition_model import Vector
 from serp.runs import Policy as Policy
 from serp.runs.recording import Recorder
-from serp.runs.rollout import Decide, Rollout, evaluation_seed
+from serp.runs.rollout import Rollout, evaluation_seed
 from serp.runs.summary import WINDOW
 from serp.tasks.task import BoundTask, Judge
 
+Decide = Callable[[Vector, Vector], Decision]
+"""(state, input of the learner) → decision."""
 EPISODES: Final = 100
 """Default number of episodes."""
-ENOUGH: Final = WINDOW
-"""Number of episodes below which mean and interval are rough."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +65,24 @@ class EvaluationResult:
     @property
     def interval(self) -> tuple[float, float] | None:
         """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
-        return interval_of(self.returns)
+        count = len(self.returns)
+        if count < 2:
+            return None
+        from scipy.stats import t  # takes half a second to import
+
+        error = float(np.std(self.returns, ddof=1)) / math.sqrt(count)
+        reach = float(t.ppf((1.0 + 0.95) / 2.0, count - 1)) * error
+        return self.mean - reach, self.mean + reach
 
     @property
     def warning(self) -> str | None:
         """A warning of too few episodes; None if there are enough."""
         count = len(self.returns)
-        if count >= ENOUGH:
+        if count >= WINDOW:
             return None
         return (
             f"These are few episodes ({count}): mean and interval are rough. Take at least "
-            f"{ENOUGH}."
+            f"{WINDOW}."
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -96,26 +105,6 @@ class EvaluationResult:
         }
 
 
-def interval_of(returns: Sequence[float]) -> tuple[float, float] | None:
-    """Return the ends of the 95 % confidence interval of a mean (Student's t); None for one."""
-    if len(returns) < 2:
-        return None
-    from scipy.stats import t  # takes half a second to import
-
-    mean, error = float(np.mean(returns)), float(np.std(returns, ddof=1)) / math.sqrt(len(returns))
-    reach = float(t.ppf((1.0 + 0.95) / 2.0, len(returns) - 1)) * error
-    return mean - reach, mean + reach
-
-
-class Episode(NamedTuple):
-    """An episode right after the reset; iterating over `steps` executes them one by one."""
-
-    number: int
-    info: dict[str, Any]
-    steps: Iterator[StepRecord]
-    totals: EpisodeTotals
-
-
 def play(
     agent: Agent,
     task: BoundTask,
@@ -124,13 +113,14 @@ def play(
     episodes: int = EPISODES,
     seed: int = 0,
     recorder: Recorder | None = None,
-) -> Iterator[Episode]:
+) -> Generator[Iterator[StepRecord]]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
+    Each episode is yielded right after its reset, as an iterator that executes its steps.
+
     The environment of the task is not used otherwise. Steps are recorded, if there is a recorder,
-    before they are yielded. Advancing the iterator begins the next
-    episode, even if the previous one is not finished. Equal seeds give other episodes than in
-    training.
+    before they are yielded. Advancing the iterator begins the next episode, even if the previous
+    one is not finished. Equal seeds give other episodes than in training.
 
     Raises:
         SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
@@ -143,24 +133,19 @@ def play(
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    limit, judge = agent.settings.training.episode_steps, Judge(task)
+    judge, decide = Judge(task), _decisions(agent, policy)
+
+    def steps_of(rollout: Rollout, number: int) -> Iterator[StepRecord]:
+        while not rollout.over:
+            step = rollout.step(decide(rollout.state, rollout.x))
+            if recorder is not None:
+                recorder.append(number, step)
+            yield step
+
     with agent.undisturbed():
         for episode in range(count):
-            begun = evaluation_seed(seed, episode)
-            rollout = Rollout(task, agent.take_in, seed=begun, limit=limit, judge=judge)
-            agent.arbiter.begin_episode()
-            steps = rollout.steps(_decisions(agent, policy))
-            if recorder is not None:
-                steps = _recorded(steps, recorder, episode + 1)
-            yield Episode(episode + 1, rollout.info, steps, rollout.totals)
-
-
-def _recorded(
-    steps: Iterator[StepRecord], recorder: Recorder, episode: int
-) -> Iterator[StepRecord]:
-    for step in steps:
-        recorder.append(episode, step)
-        yield step
+            rollout = Rollout(task, agent, judge, evaluation_seed(seed, episode))
+            yield steps_of(rollout, episode + 1)
 
 
 def check_policy(policy: str) -> None:
@@ -191,10 +176,10 @@ def evaluate(
     `on_episode` is called at the end of each episode.
     """
     totals: list[EpisodeTotals] = []
-    for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
-        for _ in episode.steps:
-            pass
-        totals.append(episode.totals)
+    for steps in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
+        for step in steps:
+            last = step
+        totals.append(last.episode)
         on_episode()
     counts: Counter[str] = Counter()
     for total in totals:

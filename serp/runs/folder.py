@@ -1,11 +1,11 @@
-"""The run folder, which one process at a time writes and any process reads.
+"""The folder of a run, which one process at a time writes and any process reads.
 
 ``config.json``             resolved configuration, seed, command, versions, machine
 ``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
 ``metrics.csv``             one row per episode
 ``decisions.csv``           one row per decision
 ``recording``               every step in numbers, see `serp.runs.recording`
-``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
+``checkpoint.safetensors``  the newest training state
 ``summary.json``, ``learning-curve.png``, ``learning-curve.svg``  the results
 
 What cannot be read or written is a `RunError`.
@@ -15,220 +15,75 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import functools
-import importlib.metadata
-import json
+import itertools
 import os
-import platform
 import re
 import socket
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-import numpy as np
 from filelock import FileLock, Timeout
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from serp._util.files import (
-    Closing,
-    aside_of,
     cannot_write,
-    json_text,
-    read_json,
     refuse_hard_link,
     require_regular,
-    sync_folder,
-    write_durably,
 )
-from serp._util.saved_state import Saved
 from serp.errors import RunError
-from serp.model.domain import problem_beside
-from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
-from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Position, Table
+from serp.runs.run_config import CONFIG
 
 LOCK: Final = ".lock"
 
 
-class RunLock:
-    """A lock on a run folder, held until `release` or the end of the process.
+def lock_folder(folder: Path) -> FileLock:
+    """Return a lock on a folder, held until its `release` or the end of the process.
 
     The operating system releases it when the process dies, so that there are no stale locks. The
-    file ``.lock`` in the run names the owner of the lock and its time. A lock that another process
-    (or another lock of this one) holds, or that cannot be had, is a `RunError`.
+    file ``.lock`` in the folder names the owner of the lock and its time. A lock that another
+    process (or another lock of this one) holds, or that cannot be had, is a `RunError`.
     """
+    path = require_regular(folder / LOCK)
 
-    def __init__(self, folder: Path) -> None:
-        self._path = require_regular(folder / LOCK)
-        # Any thread may release the lock. A soft lock, for file systems without locks, would
-        # survive a crash.
-        self._lock = FileLock(
-            self._path,
-            blocking=False,
-            thread_local=False,
-            fallback_to_soft=False,
-            on_acquired=self._write_owner,
-        )
-        try:
-            self._lock.acquire()
-        except Timeout:
-            raise RunError(
-                f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
-                "or begin a new run with another --out."
-            ) from None
-        except PermissionError as error:
-            raise cannot_write(self._path, error, "The run is unchanged.") from error
-        except OSError as error:
-            raise RunError(
-                f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a "
-                "folder on a local disk."
-            ) from error
-
-    def release(self) -> None:
-        """Release the lock; a second call does nothing."""
-        self._lock.release()
-
-    def _write_owner(self, file: int) -> None:
-        refuse_hard_link(self._path, file)
+    def write_owner(file: int) -> None:
+        refuse_hard_link(path, file)
         now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
         text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
         with contextlib.suppress(OSError):  # informative only; a full disk must not stop a resume
             os.ftruncate(file, 0)
             os.write(file, text.encode())
 
-    def _owner(self) -> str:
-        with contextlib.suppress(OSError), open(self._path, "rb") as file:
-            return file.read(200).decode("utf-8", "replace").strip() or "another process"
-        return "another process"
-
-
-FORMAT = 5
-"""Raised where a run of before cannot be read any more."""
-CONFIG = "config.json"
-
-
-class _Config(BaseModel):
-    """What every ``config.json`` holds, and more."""
-
-    model_config = ConfigDict(strict=True)
-
-    created: str
-    command: list[str]
-    domain_files: dict[str, str]
-    config: dict[str, Any]
-    versions: dict[str, Any]
-    machine: dict[str, Any]
-
-
-def config_text(
-    config: Mapping[str, Any],
-    domain_files: Mapping[str, str],
-    command: Sequence[str],
-    now: datetime.datetime,
-) -> str:
-    """Return the text of ``config.json``.
-
-    Args:
-        config: The resolved configuration; its ``seed`` is repeated at the top level.
-        domain_files: Name of each copy in the run → name of the original file.
-        command: The command line.
-        now: When the run began, local time.
-    """
-    return json_text(
-        {
-            "format": FORMAT,
-            "created": now.astimezone().isoformat(timespec="seconds"),
-            "command": list(command),
-            "seed": config.get("seed"),
-            "domain_files": dict(domain_files),
-            "config": dict(config),
-            "versions": versions(),
-            "machine": machine(),
-        }
+    # Any thread may release the lock. A soft lock, for file systems without locks, would survive a
+    # crash.
+    lock = FileLock(
+        path, blocking=False, thread_local=False, fallback_to_soft=False, on_acquired=write_owner
     )
-
-
-def read_config(folder: Path) -> dict[str, Any]:
-    """Read the ``config.json`` of a run: the keys that `config_text` writes."""
-    if os.path.isfile(folder):
-        raise RunError(f"{folder} is a file; a run is given by its folder.")
-    if not os.path.isdir(folder):
-        raise RunError(f"there is no run {folder}: no such folder.")
-    file = folder / CONFIG
-    if not os.path.isfile(file):
-        if os.path.lexists(folder / LOCK):
-            raise RunError(
-                f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
-                f"nothing to continue. Begin it again, with --out {folder}."
-            )
-        raise RunError(
-            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
-        )
-    about = read_json(file, "Restore it from a copy.")
-    version = about.get("format")
-    if version != FORMAT:
-        versions = about.get("versions")
-        wrote = versions.get("serp") if isinstance(versions, dict) else None
-        raise RunError(
-            f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
-            f"{version!r}, and this one reads format {FORMAT}. Use that version, or train again."
-        )
     try:
-        _Config.model_validate(about)
-    except ValidationError as error:
-        wrong = error.errors(include_url=False)[0]
-        name = ".".join(map(str, wrong["loc"]))
+        lock.acquire()
+    except Timeout:
+        owner = ""
+        with contextlib.suppress(OSError), open(path, "rb") as file:
+            owner = file.read(200).decode("utf-8", "replace").strip()
         raise RunError(
-            f"{file} was not written by serp, or is damaged: {name}: {wrong['msg']}. Restore it "
-            "from a copy."
+            f"the run {folder} is being written by {owner or 'another process'}. Wait until that "
+            "has ended, or begin a new run with another --out."
         ) from None
-    return about
+    except PermissionError as error:
+        raise cannot_write(path, error, "The run is unchanged.") from error
+    except OSError as error:
+        raise RunError(
+            f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a folder on "
+            "a local disk."
+        ) from error
+    return lock
 
 
-@functools.cache
-def versions() -> Mapping[str, str | None]:
-    """Return distribution → installed version (None if not installed), without importing any."""
-    packages = (
-        "serp",
-        "numpy",
-        "torch",
-        "gymnasium",
-        "scipy",
-        "unified-planning",
-        "networkx",
-        "pymunk",
-        "safetensors",
-        "stable-baselines3",
-    )
-    found: dict[str, str | None] = {}
-    for name in packages:
-        try:
-            found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
-    return found
-
-
-def machine() -> dict[str, Any]:
-    """Return Python version, operating system, kind of processor and number of cores."""
-    return {
-        "python": f"{platform.python_implementation()} {platform.python_version()}",
-        "platform": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-    }
-
-
-def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
+def default_path(domain_name: str) -> Path:
     """Return the default folder of a run: ``runs/<domain>-<time>``, and ``-2``, … if it exists."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
-    stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
-    first = path = Path("runs") / f"{name}-{stamp}"
-    number = 1
-    while os.path.lexists(path):
-        number += 1
-        path = first.with_name(f"{first.name}-{number}")
-    return path
+    stamp = datetime.datetime.now().strftime("%Y%m%d-%H%M%S")
+    endings = itertools.chain([""], (f"-{number}" for number in itertools.count(2)))
+    paths = (Path("runs") / f"{name}-{stamp}{ending}" for ending in endings)
+    return next(path for path in paths if not os.path.lexists(path))
 
 
 def make_empty(path: Path) -> None:
@@ -244,7 +99,7 @@ def refuse_occupied(path: Path) -> None:
     """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
     What a run left that was stopped before its beginning is ignored. Its lock file shows that the
-    other files are its own: without it, a domain.pddl may be the user's.
+    folder is its own: without it, a domain.pddl may be the user's.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
@@ -254,195 +109,19 @@ def refuse_occupied(path: Path) -> None:
         return
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
-    if names and not (LOCK in names and names <= _LEFT):
-        raise occupied(path)
-
-
-def occupied(path: Path) -> RunError:
-    """Return the error for a folder that is not empty."""
-    if os.path.lexists(path / CONFIG):
-        return RunError(
+    if CONFIG in names:
+        raise RunError(
             f"{path} already holds a run. Continue it with --resume, or give another folder with "
             "--out. Nothing was changed."
         )
-    return RunError(
-        f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
-    )
+    if names and LOCK not in names:
+        raise RunError(
+            f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
+        )
 
 
 METRICS: Final = "metrics.csv"
 DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
-_COPIES: Final = ("domain.pddl", "problem.pddl")
-_TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
-_LEFT: Final = {
-    *(LOCK, *_COPIES, *_TABLES),
-    *(aside_of(Path(name)).name for name in (*_COPIES, CONFIG)),
-}
-"""What a run may leave that is stopped before its beginning: `CONFIG` is written last."""
-_POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
-Texts = Sequence[tuple[str, str]]
-"""Name and text of a domain file and, if there is one, of its problem file."""
-
-
-class RunFolder(Closing):
-    """The files of a run; `create` or `open` returns one. A context manager.
-
-    Attributes:
-        path: The folder.
-        metadata: The content of ``config.json``.
-    """
-
-    def __init__(self, path: Path, metadata: dict[str, Any], lock: RunLock | None) -> None:
-        self.path = path
-        self.metadata = metadata
-        self._lock = lock
-        self._tables: dict[str, Table] = {}
-        if lock is not None:
-            try:
-                for name, columns in _TABLES.items():
-                    self._tables[name] = Table(path / name, columns)
-            except BaseException:
-                self.close()
-                raise
-
-    @classmethod
-    def create(
-        cls,
-        path: Path | str,
-        config: Mapping[str, Any],
-        domain_files: Texts,
-        *,
-        command: Sequence[str] = (),
-        now: datetime.datetime | None = None,
-    ) -> RunFolder:
-        """Begin a run in a new or empty folder, and lock it for writing.
-
-        After a failure, the run can be begun again in the same folder.
-
-        Args:
-            path: The folder; its parents are created.
-            config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
-                its ``seed`` is repeated at the top level of ``config.json``.
-            domain_files: The task's own domain.
-            command: The command line.
-            now: The time of the beginning.
-        """
-        path = Path(path)
-        copies = dict(zip(_COPIES, domain_files, strict=False))
-        names = {copy: name for copy, (name, _) in copies.items()}
-        text = config_text(config, names, command, now or datetime.datetime.now())
-        make_empty(path)
-        run = cls(path, json.loads(text), RunLock(path))
-        try:
-            # Another process may have begun a run since the folder was checked.
-            if os.path.lexists(path / CONFIG):
-                raise occupied(path)
-            for name in _COPIES:  # of a run that was stopped before its beginning
-                (path / name).unlink(missing_ok=True)
-            for copy, (_, content) in copies.items():
-                write_durably(path / copy, content.encode())
-            write_durably(path / CONFIG, text)  # last, because it makes the folder a run
-        except BaseException:
-            run.close()
-            raise
-        return run
-
-    @classmethod
-    def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Open an existing run; to continue it (`writing`), lock it and open its tables."""
-        path = Path(path)
-        return cls(path, read_config(path), RunLock(path) if writing else None)
-
-    @property
-    def config(self) -> dict[str, Any]:
-        """The resolved configuration that `create` was given."""
-        config: dict[str, Any] = self.metadata["config"]
-        return config
-
-    def copies(self) -> tuple[Path, Path | None]:
-        """Return the copies of the domain and of its problem, None if it has none."""
-        domain, problem = _COPIES
-        file = require_regular(self.path / domain)
-        require_regular(problem_beside(file))  # perhaps not written by serp, but it would be loaded
-        if problem not in self.metadata["domain_files"]:
-            return file, None
-        return file, require_regular(self.path / problem)
-
-    @property
-    def metrics(self) -> Table:
-        """The metrics, one `MetricsRow` per episode, of a run open for writing."""
-        return self._table(METRICS)
-
-    @property
-    def decisions(self) -> Table:
-        """The decision log, one `DecisionRow` per step, of a run open for writing."""
-        return self._table(DECISIONS)
-
-    def flush(self) -> None:
-        """Flush all rows of both tables to the disk."""
-        self.metrics.sync()
-        self.decisions.sync()
-
-    def save_checkpoint(
-        self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
-    ) -> Path:
-        """Flush both tables, then save a checkpoint with their positions."""
-        self.flush()
-        ends = {name: table.position() for name, table in self._tables.items()}
-        return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
-
-    def load_checkpoint(self) -> Checkpoint:
-        """Read the newest intact checkpoint.
-
-        Its `fallback` is set if the previous one was read. A run open for writing then renames the
-        damaged one to ``checkpoint-damaged.safetensors``, so that the next save does not keep it as
-        the previous one.
-        """
-        found = load_newest(self.path)
-        newest = self.path / NEWEST
-        if self._lock is not None and found.path != newest and newest.exists():
-            try:
-                os.replace(newest, self.path / DAMAGED)
-                sync_folder(self.path)
-            except OSError as error:
-                kept = "The previous checkpoint is intact."
-                raise cannot_write(self.path / DAMAGED, error, kept) from error
-        return found
-
-    def resume(self) -> Checkpoint:
-        """Return the newest intact checkpoint; truncate both tables to the positions in it."""
-        found = self.load_checkpoint()
-        saved = Saved("run", {}, found.meta.pop(_POSITIONS, None))
-        ends = {name: Position(*saved.wholes(name, 2)) for name in _TABLES}
-        for name, end in ends.items():
-            self._table(name).truncate(end)
-        return found
-
-    def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file of the run atomically and durably."""
-        if self._lock is None:
-            raise self._read_only()
-        write_durably(self.path / name, content)
-        return self.path / name
-
-    def read_summary(self) -> dict[str, Any]:
-        """Read ``summary.json``."""
-        return read_json(self.path / SUMMARY, "It is written when the run ends.")
-
-    def close(self) -> None:
-        """Flush and close the tables and release the lock; a second call does nothing."""
-        with contextlib.ExitStack() as stack:
-            if self._lock is not None:
-                stack.callback(self._lock.release)
-            for table in self._tables.values():
-                stack.callback(table.close)
-            self._lock, self._tables = None, {}
-
-    def _table(self, name: str) -> Table:
-        if name not in self._tables:
-            raise self._read_only()
-        return self._tables[name]
-
-    def _read_only(self) -> RunError:
-        return RunError(f"the run {self.path} is not open for writing.")
+COPIES: Final = ("domain.pddl", "problem.pddl")
+"""Names of the copies of the domain file and, if there is one, of its problem file."""

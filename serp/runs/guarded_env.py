@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import datetime
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,18 +18,18 @@ from serp._util.numbers import seed_of
 from serp._util.processes import blas_on_one_thread
 from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
-from serp.agent.decision import Decision
+from serp.agent.decision import Actor, Decision
 from serp.agent.protocols import Mask, Proposer
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
-from serp.runs.folder import RunFolder
+from serp.runs.results import write_results
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
-from serp.runs.run import begin_run
+from serp.runs.run import Run
+from serp.runs.run_config import Budget
 from serp.runs.run_log import Bookkeeping, RunLog
-from serp.runs.trainer import Budget
 from serp.settings import resolve
 from serp.tasks.registry import find_task
 from serp.tasks.task import BoundTask, Judge, Task
@@ -77,14 +76,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin the next episode."""
         super().reset(seed=seed)
-        self._rollout = rollout = Rollout(
-            self._task,
-            self._agent.take_in,
-            seed=self.next_seed(seed),
-            limit=self._agent.settings.training.episode_steps,
-            judge=self.judge,
-        )
-        self._agent.arbiter.begin_episode()
+        self._rollout = rollout = Rollout(self._task, self._agent, self.judge, self.next_seed(seed))
         return rollout.x.astype(np.float32), rollout.info
 
     def step(self, action: np.int64 | int) -> Answer:
@@ -116,27 +108,16 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
         self._task.close()
 
 
-class _Asked:
-    """Stands for a learner whose action is not known yet; notes whether it was asked for one."""
-
-    def __init__(self) -> None:
-        self.asked = False
+class _Unknown:
+    """Stands for a learner whose action is not known yet: proposes any."""
 
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose any action."""
-        return self.propose_greedily()
+        return Proposal(0, False, None)
 
     def propose_greedily(self) -> Proposal:
         """Propose any action."""
-        self.asked = True
         return Proposal(0, False, None)
-
-
-class _Turn(NamedTuple):
-    """The decision in a state if the learner's action does not count, and whether it counts."""
-
-    decision: Decision
-    asked: bool
 
 
 class ArbitratedEnv(TaskEnv):
@@ -158,7 +139,7 @@ class ArbitratedEnv(TaskEnv):
         super().__init__(task, agent)
         self._seed, self._begun = seed, 0
         self._derive = derive
-        self._turn: _Turn | None = None
+        self._turn: Decision | None = None
         self._last: tuple[Decision, Vector] | None = None
 
     @abstractmethod
@@ -176,9 +157,9 @@ class ArbitratedEnv(TaskEnv):
         Raises:
             gymnasium.error.ResetNeeded: No episode is running.
         """
-        decision, asked = self._whose_turn(self.running)
+        decision = self._whose_turn(self.running)
         masks = decision.admissible
-        if not (asked and masks.any()):
+        if decision.proposed_by is Actor.PLANNER or not masks.any():
             masks = np.arange(len(masks)) == decision.action
         return masks.copy()
 
@@ -193,19 +174,18 @@ class ArbitratedEnv(TaskEnv):
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Return the decision for a proposal."""
-        decision, asked = self._whose_turn(rollout)
+        decision = self._whose_turn(rollout)
         self._turn = None
-        if asked:
+        if decision.proposed_by is not Actor.PLANNER:
             proposal = Proposal(action, False, None)
             decision = self._agent.arbiter.exchange(decision, rollout.state, proposal)
         self._last = decision, rollout.state
         return decision
 
-    def _whose_turn(self, rollout: Rollout) -> _Turn:
+    def _whose_turn(self, rollout: Rollout) -> Decision:
+        """Return the decision as it is before the learner's action is known."""
         if self._turn is None:
-            learner = _Asked()
-            decision = self.ask(rollout.state, learner)
-            self._turn = _Turn(decision, learner.asked)
+            self._turn = self.ask(rollout.state, _Unknown())
         return self._turn
 
     def next_seed(self, seed: int | None) -> int:
@@ -272,9 +252,8 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         out: str | Path | None = None,
         render_mode: str | None = None,
     ) -> None:
-        begun = datetime.datetime.now()
         seed = seed_of(seed)
-        task = find_task(task) if isinstance(task, str) else task
+        task = find_task(task)
         resolved = resolve(preset, task.settings, settings)
         refuse_unknown_names(resolved, task.planners)
         if resolved.training.num_envs > 1:
@@ -287,13 +266,12 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
                 bound.on_notice(agent.adaptation.notice)
             Bookkeeping.__init__(self)
             ArbitratedEnv.__init__(self, bound, agent, seed, training_seed)
-            self._folder: RunFolder | None = None
+            self._run: Run | None = None
             if out is not None:
-                self._folder = begin_run(
-                    Path(out), bound, resolved,
-                    preset=preset, seed=seed, budget=Budget(), begun=begun,
-                )  # fmt: skip
-                self.log = RunLog(self._folder, bound)
+                self._run = Run.begin(
+                    Path(out), bound, resolved, preset=preset, seed=seed, budget=Budget()
+                )
+                self.log = RunLog(self._run.path, bound)
         except BaseException:
             bound.close()
             raise
@@ -303,8 +281,12 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Begin the next episode; one that is running is truncated."""
-        self._cut_off()
+        """Begin the next episode; one that is running is truncated, if a step was made in it."""
+        rollout = self._rollout
+        if rollout is not None and not rollout.over and rollout.totals.length:
+            rollout.totals.truncated = True
+            self._agent.cut_off()
+            self._end_episode(rollout.totals)
         return super().reset(seed=seed, options=options)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
@@ -325,14 +307,6 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             self._end_episode(step.episode)
         return super().after_step(step)
 
-    def _cut_off(self) -> None:
-        """Truncate the running episode, if a step was made in it."""
-        rollout = self._rollout
-        if rollout is not None and not rollout.over and rollout.totals.length:
-            rollout.cut_off()
-            self._agent.cut_off()
-            self._end_episode(rollout.totals)
-
     def _end_episode(self, totals: EpisodeTotals) -> None:
         agent = self._agent
         if self._initial:
@@ -349,9 +323,9 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
             render_mode: One of Gymnasium's render modes, if pictures are needed.
         """
         bound = self._task.task.bind(render_mode=render_mode)
-        return EvaluationEnv(bound, self._agent, seed_of(seed), self._task, self._begin_evaluation)
+        return EvaluationEnv(bound, self, seed_of(seed))
 
-    def _begin_evaluation(self) -> None:
+    def begin_evaluation(self) -> None:
         """Let what the planner keeps from now on be forgotten at the training's next decision."""
         if self._evaluation is None:
             self._evaluation = contextlib.ExitStack()
@@ -364,14 +338,12 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
-        if self._folder is not None and self.log is not None:
-            from serp.runs.results import write_results
-
-            with self._folder, self.log:
+        if self._run is not None and self.log is not None:
+            with self._run, self.log:
                 self.log.flush()
                 account = account_of(self._agent)
-                write_results(self._folder, self.tally.vetoes_by_reason(), account)
-            self._folder = self.log = None
+                write_results(self._run, self.tally.vetoes_by_reason(), account)
+            self._run = self.log = None
         super().close()
 
 
@@ -383,31 +355,22 @@ class EvaluationEnv(ArbitratedEnv):
 
     Args:
         task: The task, with an environment of its own.
-        agent: The agent in training.
+        training: The environment in which the agent is trained.
         seed: Seed of the episodes.
-        trained_in: The task in which it is trained.
-        begin: Called before each episode and decision; from then on, the planner keeps what it
-            finds for the evaluation alone.
     """
 
-    def __init__(
-        self,
-        task: BoundTask,
-        agent: Agent,
-        seed: int,
-        trained_in: BoundTask,
-        begin: Callable[[], None],
-    ) -> None:
-        super().__init__(task, agent, seed, evaluation_seed)
-        self._trained_in, self._begin = trained_in, begin
+    def __init__(self, task: BoundTask, training: GuardedEnv, seed: int) -> None:
+        super().__init__(task, training._agent, seed, evaluation_seed)
+        self._training = training
 
     def next_seed(self, seed: int | None) -> int:
         """Begin an episode with the running statistics of the training; return its seed."""
-        self._begin()
-        self._task.restore_environment(self._trained_in.environment_state(), statistics_only=True)
+        self._training.begin_evaluation()
+        trained_in = self._training._task
+        self._task.restore_environment(trained_in.environment_state(), statistics_only=True)
         return super().next_seed(seed)
 
     def ask(self, state: Vector, learner: Proposer) -> Decision:
         """Return the decision in a state, as after training."""
-        self._begin()
+        self._training.begin_evaluation()
         return self._agent.arbiter.decide_greedily(state, learner)

@@ -1,47 +1,41 @@
 """An exported policy: a folder that `serp` runs on a robot, without the task's environment.
 
-The folder holds the domain file, the agent's checkpoint, and a manifest that people and programs
-read. The same agent decides as in the training: one model, one planner, one veto.
+It is a run folder with the domain file, the configuration and the agent's checkpoint, without what
+the training alone needs. What people and programs read of the policy is in its configuration. The
+same agent decides as in the training: one model, one planner, one veto.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import itertools
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp import __version__
-from serp._util.files import cannot_write, json_text, read_json, read_regular, write_together
+from serp._util.files import json_text, write_durably
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
-from serp.model.domain import load_domain
 from serp.runs import checkpoint
-from serp.runs.evaluation import Episode, play
+from serp.runs.evaluation import play
+from serp.runs.folder import make_empty, refuse_occupied
 from serp.runs.run import Run, load_run
-from serp.settings import Settings
+from serp.runs.run_config import CONFIG
 from serp.tasks.file_world import WorldOptions
 from serp.tasks.task import BoundTask, Task
 
-FORMAT: Final = 4
-MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"
-AGENT: Final = "agent.safetensors"
 NETWORK: Final = "learner.onnx"
 """The network for other programs; written where onnx is installed (extra `export`)."""
-FILES: Final = {AGENT, DOMAIN, PROBLEM, NETWORK}
 _STEPS, _PAIRS = 1_000, 32
 """Steps of an episode that is played before the export, and pairs recorded of them."""
-_AGAIN: Final = "copy the whole folder again, or export the run again with `serp export`"
 
 Grounding = Callable[[NDArray[np.float64]], "ArrayLike | Mapping[str, float]"]
 
@@ -65,8 +59,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     """
     folder = Path(folder)
     run = run if isinstance(run, Run) else load_run(run)
-    if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
-        raise RunError(f"{folder} exists and is not empty; give the name of a new folder")
+    refuse_occupied(folder)
     agent = run.agent
     planner = agent.settings.planner.name
     if planner in run.task.planners:
@@ -77,23 +70,19 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     with run.environment() as task:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)
-        domain = task.domain
-    files: dict[str, bytes] = {
-        AGENT: checkpoint.encoded(arrays, meta),
-        DOMAIN: domain.source.text.encode(),
-    }
+    make_empty(folder)
+    for file in run.copies():
+        write_durably(folder / file.name, file.read_bytes())
+    config = {**run.config, "policy": about}
+    write_durably(folder / CONFIG, json_text({**run.metadata, "config": config}))
     if type(agent.learner) is DQN and find_spec("onnx") is not None:
-        files[NETWORK] = agent.learner.as_onnx()
-    if domain.problem_source is not None:
-        files[PROBLEM] = domain.problem_source.text.encode()
-    digests = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    manifest = json_text({"format": FORMAT, "serp": __version__, **about, "files": digests})
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise cannot_write(folder, error, "Nothing was made.") from error
-    contents: dict[str, bytes | str] = {**files, MANIFEST: manifest}
-    write_together({folder / name: content for name, content in contents.items()})
+        write_durably(folder / NETWORK, agent.learner.as_onnx())
+    whole = {
+        "agent": meta,
+        "environments": run.checkpoint.meta["environments"],
+        "made_of": Run(folder).digests(),
+    }
+    checkpoint.save(folder / checkpoint.CHECKPOINT, arrays, whole)
     return folder
 
 
@@ -101,9 +90,9 @@ def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict
     """Return the agent without its replay memory, and pairs of a played episode."""
     arrays, meta = agent.state_dict()
     pairs = []
-    played = cast("Generator[Episode]", play(agent, task, episodes=1))
-    with contextlib.closing(played) as episodes:  # what it does to the agent is then undone
-        for step in itertools.islice(next(episodes).steps, _STEPS):
+    # What playing does to the agent is undone at the end.
+    with contextlib.closing(play(agent, task, episodes=1)) as episodes:
+        for step in itertools.islice(next(episodes), _STEPS):
             pairs.append((task.observation(step.observation), step.state.copy()))
     empty, fresh = Agent(task, agent.settings, 0).state_dict()
     replay = "learner.replay."
@@ -120,12 +109,7 @@ def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict
 def _about(agent: Agent, task: BoundTask) -> dict[str, Any]:
     """Return what people and programs read of a policy."""
     return {
-        "task": task.name,
-        "policy": f"{agent.strategy.choice}, within the vetoes",
-        "control_period": task.model.dt,
-        "closed": task.task.closed,
-        "supplied": sorted(task.domain.supplied or ()),
-        "max_ground_schemas": task.domain.max_ground_schemas,
+        "choice": f"{agent.strategy.choice}, within the vetoes",
         "fluents": [
             {"name": fluent.name, "kind": "number" if fluent.numeric else "0 or 1"}
             for fluent in task.model.fluents
@@ -133,8 +117,6 @@ def _about(agent: Agent, task: BoundTask) -> dict[str, Any]:
         "observation": [task.observations.name(k) for k in range(task.observation_size)],
         "actions": [task.actions.name(action) for action in range(task.actions.size)],
         "ground_actions": task.actions.groups,
-        "reward": task.rewarded_by,
-        "settings": agent.settings.as_dict(),
     }
 
 
@@ -147,7 +129,7 @@ class Policy:
             `fluents`, or a mapping from their names. Without it, `decide` needs the state.
 
     Attributes:
-        manifest: What the folder says of the policy, see its `manifest.json`.
+        about: What the folder says of the policy: `policy` in the `config` of its `config.json`.
         fluents: Names of the numbers in a state, in order.
         actions: `[E]` names of the environment's actions.
         agent: Planner, learner and arbiter, as trained.
@@ -157,26 +139,22 @@ class Policy:
     """
 
     def __init__(self, folder: str | Path, ground: Grounding | None = None) -> None:
-        folder = Path(folder)
-        files, self.manifest = _read(folder)
+        run = Run(Path(folder))
         self._ground = ground
         try:
-            task = _task(folder, self.manifest)
-            arrays, meta = checkpoint.decoded(folder / AGENT, files[AGENT])
-            settings = Settings.from_dict(self.manifest["settings"])
-            with contextlib.closing(task.bind()) as bound:
-                self.fluents = [fluent.name for fluent in bound.model.fluents]
-                self.actions = [bound.actions.name(k) for k in range(bound.actions.size)]
-                if self.fluents != [each["name"] for each in self.manifest["fluents"]]:
-                    raise RunError(f"the fluents are not those of its {MANIFEST}; {_AGAIN}")
-                saved = Saved("policy", arrays, meta)
-                self.agent = Agent(bound, settings, 0)
-                self.agent.load_state_dict(arrays, meta)
-            width, size = len(self.fluents), len(self.manifest["observation"])
+            self.about: dict[str, Any] = run.config["policy"]
+            self.agent = Run(run.path, _task(run, self.about)).agent
+            task, saved = self.agent.task, Saved("policy", *run.checkpoint)
+            self.fluents = [fluent.name for fluent in task.model.fluents]
+            self.actions = [task.actions.name(k) for k in range(task.actions.size)]
+            width, size = len(self.fluents), len(self.about["observation"])
             observations = saved.array("grounding.observation", np.float64, (-1, size))
             states = saved.array("grounding.state", np.float64, (len(observations), width))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-            raise RunError(f"{folder} does not fit together ({error}); {_AGAIN}") from None
+            raise RunError(
+                f"{folder} is not what `serp export` wrote, or does not fit together ({error}); "
+                "copy the whole folder again, or export the run again with `serp export`"
+            ) from None
         except SerpError as error:
             raise RunError(f"{folder}: {error}") from None
         self._pairs = list(zip(observations, states, strict=True))
@@ -247,52 +225,19 @@ def _vector(given: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
     return vector
 
 
-def _read(folder: Path) -> tuple[dict[str, bytes], dict[str, Any]]:
-    """Return the files of a folder, checked by their digests, and its manifest."""
-    if not folder.is_dir():
-        raise RunError(f"{folder} is not a folder; give the one that `serp export` wrote")
-    manifest = read_json(folder / MANIFEST, _AGAIN)
-    if manifest.get("format") != FORMAT:
-        raise RunError(
-            f"{folder / MANIFEST} has format {manifest.get('format')!r}, and this version of serp "
-            f"reads format {FORMAT}; export the run again with `serp export`"
-        )
-    digests = manifest.get("files")
-    if not isinstance(digests, dict) or not {AGENT, DOMAIN} <= set(digests) <= FILES:
-        raise RunError(f"{folder / MANIFEST} does not list the folder's files; {_AGAIN}")
-    files = {}
-    for name, digest in digests.items():
-        try:
-            files[name] = read_regular(folder / name)
-        except OSError as error:
-            raise RunError(f"cannot read {folder / name}: {error.strerror}; {_AGAIN}") from None
-        if hashlib.sha256(files[name]).hexdigest() != digest:
-            raise RunError(f"{folder / name} was changed since it was exported; {_AGAIN}")
-    return files, manifest
-
-
-def _task(folder: Path, manifest: Mapping[str, Any]) -> Task:
+def _task(run: Run, about: Mapping[str, Any]) -> Task:
     """Return the task of a policy, whose environment has spaces and nothing else."""
-    closed, problem = manifest["closed"], folder / PROBLEM
-    domain = load_domain(
-        folder / DOMAIN,
-        problem if PROBLEM in manifest["files"] else None,
-        observed=not closed,
-        max_ground_schemas=manifest["max_ground_schemas"],
-    )
-    if not closed:
-        domain = domain.observed(manifest["supplied"])
-    model, size = domain.model, len(manifest["observation"])
-    groups = enumerate(manifest["ground_actions"])
+    made, model, size = run.made, run.model, len(about["observation"])
+    groups = enumerate(about["ground_actions"])
     return Task(
-        make_env=lambda: _Spaces(size, len(manifest["actions"])),
-        domain=domain,
+        make_env=lambda: _Spaces(size, len(about["actions"])),
+        domain=run.domain,
         ground=lambda observation: np.zeros(len(model.fluents)),
-        name=manifest["task"],
+        name=made.task,
         actions={model.actions[k].name: action for action, group in groups for k in group},
-        dt=manifest["control_period"],
-        reward=manifest["reward"],
-        world=WorldOptions() if closed else None,
+        dt=made.control_period,
+        reward=made.reward,
+        world=WorldOptions() if made.observed is None else None,
     )
 
 

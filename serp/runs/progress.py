@@ -6,7 +6,6 @@ import contextlib
 import sys
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import Final, Self, TextIO
 
 import numpy as np
@@ -16,7 +15,8 @@ from rich.progress import Progress as Bar
 from serp._util.terminal import open_console, visible
 from serp._util.text import duration, percent, readable
 from serp.agent.decision import Actor
-from serp.runs.trainer import Budget, Trainer
+from serp.runs.run_config import Budget
+from serp.runs.trainer import Trainer
 
 _MEMORY: Final = 30.0
 """Seconds over which the speed, and the share of the planner, are measured."""
@@ -40,10 +40,9 @@ class Progress:
         *,
         quiet: bool = False,
         stream: TextIO | None = None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._trainer, self._budget, self._title = trainer, budget, title
-        self._quiet, self._clock = quiet, clock
+        self._quiet = quiet
         self._console = console = open_console(stream, stderr=True)
         self._on_terminal = console.is_terminal and not console.is_dumb_terminal
         # No refresh thread: it would draw while the loop computes. Other output to a terminal goes
@@ -64,7 +63,7 @@ class Progress:
     def __enter__(self) -> Self:
         if not self._quiet:
             self._sample()
-            self._next = self._clock()
+            self._next = time.monotonic()
             if not self._bar.disable:
                 self.note(self._title)
             with contextlib.suppress(*_CLOSED):
@@ -80,7 +79,7 @@ class Progress:
 
     def refresh(self) -> None:
         """Show the newest figures if it is time; cheap enough for every step."""
-        if self._clock() >= self._next:
+        if time.monotonic() >= self._next:
             self._show()
 
     def note(self, text: str) -> None:
@@ -100,7 +99,7 @@ class Progress:
     def _show(self) -> None:
         self._sample()
         self._shown = self._trainer.env_steps
-        self._next = self._clock() + (5.0 if self._bar.disable else 0.2)
+        self._next = time.monotonic() + (5.0 if self._bar.disable else 0.2)
         if self._bar.disable:
             self._print(self._figures())
             return

@@ -10,14 +10,12 @@ types, shapes, and the range of every number that something is looked up by.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import io
 import json
 import re
-import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from operator import attrgetter
 from pathlib import Path
@@ -26,7 +24,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from serp._util.did_you_mean import listed
 from serp._util.files import (
@@ -40,11 +38,11 @@ from serp._util.files import (
 from serp._util.text import plural
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
-from serp.errors import Notice, RunError
+from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.edges import Bound
 from serp.planning.forecast import SAFE
-from serp.runs.folder import RunLock
+from serp.settings import first_of
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 RECORDING: Final = "recording"
@@ -184,12 +182,9 @@ class Layout(BaseModel):
                 if getattr(found, name) != cls.model_fields[name].default:
                     raise ValueError(f"it has other {name}")
         except ValueError as error:
-            what = str(error)
-            if isinstance(error, ValidationError):
-                wrong = error.errors(include_url=False)[0]
-                what = ": ".join([*map(str, wrong["loc"]), wrong["msg"]])
             raise RunError(
-                f"{file} was written by another version of serp, or is damaged: {what}. {_AGAIN}"
+                f"{file} was written by another version of serp, or is damaged: "
+                f"{first_of(error)}. {_AGAIN}"
             ) from None
         return found
 
@@ -244,7 +239,7 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
     """
     found: Columns = {}
     try:
-        data = io.BytesIO(read_regular(file, 1 << 28))
+        data = io.BytesIO(read_regular(file, 1 << 28, _AGAIN))
         with zipfile.ZipFile(data) as archive:
             for name in dict.fromkeys(("number", *names)):
                 steps = len(found["number"]) if found else layout.block
@@ -262,8 +257,6 @@ def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Column
                 found[name] = values
     except RunError:
         raise
-    except OSError as error:
-        raise RunError(f"cannot read {file}: {error.strerror or error}. {_AGAIN}") from error
     except Exception as error:  # of a dozen kinds: those of archives, compression and arrays
         raise RunError(f"{file} is damaged: {error}. {_AGAIN}") from error
     return {name: found[name] for name in names}
@@ -477,28 +470,6 @@ def evaluations_of(run: Path) -> list[str]:
     if not folder.is_dir():
         return []
     return sorted(each.name for each in folder.iterdir() if (each / HEADER).is_file())
-
-
-@contextlib.contextmanager
-def recorded_evaluation(run: Path, name: str, layout: Layout) -> Iterator[Recorder | None]:
-    """Yield the recorder of an evaluation of a run, in place of an earlier one of that name.
-
-    Where the folder of the run cannot be written, nothing is recorded, and a notice says so.
-
-    Args:
-        run: The folder of the run.
-        name: Name of the evaluation, such as `serp-seed0`.
-        layout: What is recorded.
-    """
-    with contextlib.ExitStack() as stack:
-        recorder: Recorder | None = None
-        try:
-            folder = make_inside(run, EVALUATIONS, name)
-            stack.callback(RunLock(folder).release)
-            recorder = stack.enter_context(Recorder(folder, layout))
-        except (RunError, OSError) as error:
-            warnings.warn(f"the episodes are not recorded: {error}", Notice, stacklevel=3)
-        yield recorder
 
 
 class Recorder(Closing):

@@ -6,10 +6,11 @@ import warnings
 from collections.abc import Mapping
 from typing import Any
 
-from serp._util.files import finite, json_text
+from serp._util.files import finite, json_text, write_durably
 from serp._util.text import duration, plural, readable
 from serp.errors import MissingExtra, Notice, needs_extra
-from serp.runs.folder import METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY
+from serp.runs.run import Run
 from serp.runs.summary import FIRST, WINDOW, summarize
 from serp.runs.tables import read_metrics
 
@@ -39,7 +40,7 @@ def lead(summary: Mapping[str, Any]) -> str:
 
 
 def write_results(
-    run: RunFolder,
+    run: Run,
     vetoes_by_reason: Mapping[str, int],
     account: Mapping[str, Any] | None = None,
 ) -> None:
@@ -48,17 +49,16 @@ def write_results(
     Without matplotlib there is no learning curve, and a `Notice` is issued. The arguments are those
     of `summarize`.
     """
-    run.flush()
     metrics = read_metrics(run.path / METRICS)
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes_by_reason, account))
-    run.write(SUMMARY, json_text(summary))
+    write_durably(run.path / SUMMARY, json_text(summary))
     try:
         with needs_extra("plots", "the learning curve"):
             from serp._util.figures import render
             from serp.runs.learning_curve import learning_curve
 
         figure = learning_curve(metrics, title(summary))
-        run.write("learning-curve.png", render(figure, "png"))
-        run.write("learning-curve.svg", render(figure, "svg"))
+        for kind in ("png", "svg"):
+            write_durably(run.path / f"learning-curve.{kind}", render(figure, kind))
     except MissingExtra as missing:
         warnings.warn(str(missing), Notice, stacklevel=2)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
+from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
-from serp.model.transition_model import Vector
 from serp.tasks.environment import single
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.task import BoundTask, Judge
-
-TakeIn = Callable[[Vector, Vector], tuple[Vector, Vector]]
-"""(flat observation, state) → (state, input of the learner)."""
-Decide = Callable[[Vector, Vector], Decision]
-"""(state, input of the learner) → decision."""
 
 
 def training_seed(seed: int, episode: int) -> int:
@@ -38,9 +33,16 @@ def _seed(seed: int, use: int, episode: int) -> int:
 class Rollout:
     """A running episode of a task, right after the reset of its environment.
 
-    It counts steps and truncates the episode after `limit` itself: Gymnasium's `TimeLimit` and
-    `RecordEpisodeStatistics` would add layers to the wrapper state of every checkpoint, mark
-    terminated steps as truncated, and write into `info`, which belongs to the task.
+    It counts steps and truncates the episode at `training.episode_steps` itself: Gymnasium's
+    `TimeLimit` and `RecordEpisodeStatistics` would add layers to the wrapper state of every
+    checkpoint, mark terminated steps as truncated, and write into `info`, which belongs to the
+    task.
+
+    Args:
+        task: The task, whose environment is reset.
+        agent: Who acts; it takes in what is perceived, and begins an episode, too.
+        judge: Judges the steps.
+        seed: Seed of the environment.
 
     Attributes:
         state: Current state `[F]`.
@@ -52,19 +54,16 @@ class Rollout:
     def __init__(
         self,
         task: BoundTask | RemoteTask,
-        take_in: TakeIn,
-        *,
-        seed: int,
-        limit: int,
+        agent: Agent,
         judge: Judge,
+        seed: int,
     ) -> None:
-        self._task = task
-        self._take_in = take_in
-        self._limit = limit
-        self._judge = judge
+        self._task, self._judge, self._take_in = task, judge, agent.take_in
+        self._limit = agent.settings.training.episode_steps
         self.totals = EpisodeTotals()
         self._observation, self.info = task.reset(seed=seed)
-        self.state, self.x = take_in(*task.perceived(self._observation, self.info))
+        self.state, self.x = self._take_in(*task.perceived(self._observation, self.info))
+        agent.arbiter.begin_episode()
 
     @property
     def over(self) -> bool:
@@ -105,15 +104,6 @@ class Rollout:
         self.totals.add(record)
         self._observation, self.state, self.x = observation, next_state, next_x
         return record
-
-    def cut_off(self) -> None:
-        """Truncate the episode after the steps that were made."""
-        self.totals.truncated = True
-
-    def steps(self, decide: Decide) -> Iterator[StepRecord]:
-        """Yield the steps of a policy to the end of the episode; each is executed when needed."""
-        while not self.over:
-            yield self.step(decide(self.state, self.x))
 
 
 class RolloutEnv:

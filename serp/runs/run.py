@@ -4,153 +4,49 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
 import functools
 import hashlib
 import json
 import os
-import sys
+import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import gymnasium as gym
+import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    NonNegativeInt,
-    ValidationError,
-)
 
-from serp._util.files import read_regular
-from serp._util.numbers import COUNTED, seed_of, whole
+from serp._util.files import (
+    Closing,
+    make_inside,
+    read_json,
+    read_regular,
+    require_regular,
+    write_durably,
+)
+from serp._util.numbers import seed_of, whole
 from serp._util.processes import one_thread
 from serp._util.saved_state import Saved
 from serp._util.terminal import bar
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
-from serp.errors import RunError, SettingsError
-from serp.model.domain import load_domain, problem_beside
-from serp.runs.checkpoint import Checkpoint
+from serp.errors import Notice, RunError, SettingsError
+from serp.model.domain import Domain
+from serp.model.learned.adaptation import ModelAdaptation
+from serp.model.transition_model import TransitionModel
+from serp.pddl.source import Source
+from serp.runs.checkpoint import CHECKPOINT, Checkpoint, load
 from serp.runs.evaluation import EPISODES, EvaluationResult, Policy, check_policy, evaluate
-from serp.runs.folder import CONFIG, METRICS, RunFolder
-from serp.runs.recording import Layout, Recorder, Recording, open_recording, recorded_evaluation
+from serp.runs.folder import COPIES, METRICS, SUMMARY, lock_folder, make_empty, refuse_occupied
+from serp.runs.recording import EVALUATIONS, Layout, Recorder, Recording, open_recording
+from serp.runs.run_config import CONFIG, Budget, RunConfig, read_metadata, write_metadata
 from serp.runs.tables import read_metrics
-from serp.runs.trainer import Budget
 from serp.settings import Settings
-from serp.tasks.file_world import WorldOptions, world_task
+from serp.tasks.file_world import world_task
 from serp.tasks.registry import load_task
 from serp.tasks.task import BoundTask, Task, reward_source
-
-
-class RunMetadata(BaseModel):
-    """The part of a run's configuration that it is read back with."""
-
-    model_config = ConfigDict(frozen=True, strict=True)
-
-    task: str
-    """Name of the task."""
-    seed: NonNegativeInt
-    """Seed of everything random."""
-    reward: Literal["domain", "environment"]
-    """The source of the reward that the task declares."""
-    control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    """Seconds between two decisions."""
-    settings: Annotated[Settings, BeforeValidator(Settings.from_dict)]
-    """All settings."""
-    budget: Annotated[Budget, BeforeValidator(Budget.from_dict)]
-    """The budget that the run began with."""
-    observed: list[str] | None = []
-    """Fluents that the environment gives although the problem's `:init` states them. None: all
-    states can be reached from there, see `Task.closed`."""
-    max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
-    """Limit on the size of each grounded domain."""
-    world: Annotated[WorldOptions, BeforeValidator(WorldOptions.from_dict)] | None = None
-    """What the environment was made with, if it was made of the file itself."""
-    baseline: bool = False
-    """Whether the learner always acts and nothing is refused, see `serp.agent.agent.Agent`."""
-
-
-def begin_run(
-    path: Path,
-    task: BoundTask,
-    settings: Settings,
-    *,
-    preset: str,
-    seed: int,
-    budget: Budget,
-    begun: datetime.datetime | None = None,
-    baseline: bool = False,
-) -> RunFolder:
-    """Begin a run in a new or empty folder, and lock it for writing."""
-    config = {
-        "task": task.name,
-        "domain": task.domain.name,
-        "observed": None if task.task.closed else sorted(task.domain.supplied or ()),
-        "world": None if task.task.world is None else task.task.world.as_dict(),
-        "max_ground_schemas": task.domain.max_ground_schemas,
-        "preset": preset,
-        "seed": seed,
-        "baseline": baseline,
-        "reward": task.rewarded_by,
-        "learned_from": reward_source(task.rewarded_by, settings),
-        "file_rewards": task.model.rewarding,
-        "control_period": task.model.dt,
-        "budget": budget.as_dict(),
-        "settings": settings.as_dict(),
-    }
-    texts = [(source.name, source.text) for source in task.domain.sources]
-    return RunFolder.create(path, config, texts, command=sys.argv, now=begun)
-
-
-def read_run_metadata(folder: RunFolder) -> RunMetadata:
-    """Read a run's configuration; raise `RunError` if a value is missing or wrong."""
-    try:
-        return RunMetadata.model_validate(folder.config)
-    except (ValidationError, SettingsError) as error:
-        what = str(error)
-        if isinstance(error, ValidationError):
-            first = error.errors(include_url=False)[0]
-            what = f"{first['loc'][0]}: {first['msg']}"
-        raise RunError(
-            f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
-        ) from error
-
-
-def content_digests(folder: RunFolder) -> dict[str, str]:
-    """Return digests of a run's domain files and of its configuration except the budget."""
-    config = {name: value for name, value in folder.config.items() if name != "budget"}
-    made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    domain, problem = folder.copies()
-    beside = problem_beside(domain)  # perhaps not written by serp, but it would be loaded
-    for file in (domain, problem, beside):
-        if file is not None and (file is not beside or os.path.lexists(file)):
-            try:
-                made[file.name] = read_regular(file)
-            except OSError as error:
-                raise RunError(f"cannot read {file}: {error.strerror or error}") from error
-    return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
-
-
-def refuse_changes(folder: RunFolder, checkpoint: Checkpoint, *, domain_only: bool = False) -> None:
-    """Check that the files of a run are those that a checkpoint of it began with.
-
-    Raises:
-        RunError: A domain file, or the configuration unless `domain_only`, was changed.
-    """
-    _, before = Saved("run", {}, checkpoint.meta).part("made_of")
-    if not isinstance(before, dict):
-        raise RunError(f"{checkpoint.path} holds no digests of the run's files")
-    now = content_digests(folder)
-    for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_only else set())):
-        if before.get(name) != now.get(name):
-            raise RunError(
-                f"{name} of the run was changed since it began, so that it does not fit what was "
-                "learned; undo the change, or begin a new run with it"
-            )
 
 
 def load_run(folder: str | Path, task: Task | None = None) -> Run:
@@ -167,28 +63,102 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
     """
     if not isinstance(folder, str | os.PathLike):
         raise RunError(f"a run is given by its folder, not by {folder!r}")
-    return Run(Path(folder), task_of_run(RunFolder.open(folder), task))
+    run = Run(Path(folder), task)
+    _ = run.task  # whose errors are raised here
+    return run
 
 
-class Run:
-    """A run on the disk.
+class Run(Closing):
+    """A run on the disk. Only acting in its environment needs the task that it was trained on.
+
+    A context manager, at whose end another process may write the run.
+
+    Args:
+        path: Its folder.
+        task: The task that it was trained on; by default the installed task of its name, or the
+            world of its own files, when it is needed.
 
     Attributes:
         path: Its folder.
-        task: The task, with the domain as the run has it.
+        metadata: The content of ``config.json``.
+        made: The configuration in it, checked.
+
+    Raises:
+        RunError: The folder is not a run.
     """
 
-    def __init__(self, path: Path, task: Task) -> None:
+    def __init__(self, path: Path, task: Task | None = None) -> None:
         self.path = path
-        self.task = task
+        self.metadata, self.made = read_metadata(path)
+        self._task = task
+        self._lock: FileLock | None = None
+
+    @classmethod
+    def begin(
+        cls,
+        path: Path,
+        task: BoundTask,
+        settings: Settings,
+        *,
+        preset: str,
+        seed: int,
+        budget: Budget,
+        baseline: bool = False,
+    ) -> Run:
+        """Begin a run in a new or empty folder, and lock it for writing.
+
+        After a failure, the run can be begun again in the same folder.
+        """
+        config = RunConfig(
+            task=task.name,
+            domain=task.domain.name,
+            observed=None if task.task.closed else sorted(task.domain.supplied or ()),
+            world=task.task.world,
+            max_ground_schemas=task.domain.max_ground_schemas,
+            preset=preset,
+            seed=seed,
+            baseline=baseline,
+            reward=task.rewarded_by,
+            learned_from=reward_source(task.rewarded_by, settings),
+            file_rewards=task.model.rewarding,
+            control_period=task.model.dt,
+            budget=budget,
+            settings=settings,
+        )
+        sources = dict(zip(COPIES, task.domain.sources, strict=False))
+        make_empty(path)
+        lock = lock_folder(path)
+        try:
+            refuse_occupied(path)  # another process may have begun a run since
+            for copy, source in sources.items():
+                write_durably(path / copy, source.text)
+            # The last, because it makes the folder a run.
+            write_metadata(path, config, {copy: own.name for copy, own in sources.items()})
+            run = cls(path, task.task)
+        except BaseException:
+            lock.release()
+            raise
+        run._lock = lock
+        return run
+
+    def lock(self) -> Run:
+        """Lock it for writing, until `close`; return it."""
+        self._lock = lock_folder(self.path)
+        return self
+
+    def close(self) -> None:
+        """Release the lock; a second call does nothing."""
+        if self._lock is not None:
+            self._lock.release()
 
     def __repr__(self) -> str:
         return f"Run({str(self.path)!r})"
 
-    @functools.cached_property
+    @property
     def config(self) -> dict[str, Any]:
         """The resolved configuration."""
-        return RunFolder.open(self.path).config
+        config: dict[str, Any] = self.metadata["config"]
+        return config
 
     @property
     def metrics(self) -> dict[str, NDArray[Any]]:
@@ -202,35 +172,153 @@ class Run:
         Raises:
             RunError: The run has not ended yet.
         """
-        return RunFolder.open(self.path).read_summary()
+        return read_json(self.path / SUMMARY, "It is written when the run ends.")
+
+    def copies(self) -> list[Path]:
+        """Return the copies of the domain and, if it has one, of its problem."""
+        names = COPIES if COPIES[1] in self.metadata["domain_files"] else COPIES[:1]
+        return [require_regular(self.path / name) for name in names]
+
+    def _parsed(self) -> Domain:
+        sources = [Source.read(copy) for copy in self.copies()]
+        observed, limit = self.made.observed, self.made.max_ground_schemas
+        domain = Domain.parse(*sources, observed=observed is not None, max_ground_schemas=limit)
+        return domain if observed is None else domain.observed(observed)
+
+    @functools.cached_property
+    def domain(self) -> Domain:
+        """The run's copy of the domain.
+
+        Raises:
+            RunError: It was changed since the run began.
+            DomainError: It is damaged.
+        """
+        _ = self.has_checkpoint and self.checkpoint  # refuses changes
+        return self._parsed()
+
+    @functools.cached_property
+    def model(self) -> TransitionModel:
+        """The domain's transition model as written, with the task's control period."""
+        return self.domain.model.replace(dt=self.made.control_period)
+
+    @functools.cached_property
+    def task(self) -> Task:
+        """The task, with the domain, control period and reward as the run has them.
+
+        Raises:
+            RunError: The given task is another one.
+            TaskError: It is not installed.
+        """
+        made, task = self.made, self._task
+        if task is not None and task.name not in (None, made.task):
+            raise RunError(f"{self.path} is a run of task {made.task}, not of {task.name}")
+        if task is None and made.world is None:
+            task = load_task(made.task)
+        domain = self._parsed()
+        if task is None:
+            assert made.world is not None
+            task = world_task(domain, made.world, made.control_period)
+        return dataclasses.replace(
+            task,
+            domain=domain,
+            problem=None,
+            name=made.task,
+            reward=made.reward,
+            dt=made.control_period,
+        )
+
+    def digests(self) -> dict[str, str]:
+        """Return digests of the domain files and of the configuration except the budget."""
+        config = {name: value for name, value in self.config.items() if name != "budget"}
+        made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
+        for file in self.copies():
+            made[file.name] = read_regular(file)
+        return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether it has saved a checkpoint; one that another library drives has none."""
+        return os.path.lexists(self.path / CHECKPOINT)
+
+    def read_checkpoint(self) -> Checkpoint:
+        """Read the checkpoint.
+
+        Raises:
+            RunError: There is none, it is damaged, or a domain file or the configuration is another
+                than the training began with.
+        """
+        checkpoint = load(self.path / CHECKPOINT)
+        _, before = Saved("run", {}, checkpoint.meta).part("made_of")
+        if not isinstance(before, dict):
+            raise RunError(f"{self.path / CHECKPOINT} holds no digests of the run's files")
+        now = self.digests()
+        for name in sorted(before.keys() | now.keys()):
+            if before.get(name) != now.get(name):
+                raise RunError(
+                    f"{name} of the run was changed since it began, so that it does not fit what "
+                    "was learned; undo the change, or begin a new run with it"
+                )
+        return checkpoint
+
+    @functools.cached_property
+    def checkpoint(self) -> Checkpoint:
+        """What `read_checkpoint` returns, read once."""
+        return self.read_checkpoint()
+
+    @contextlib.contextmanager
+    def reading(self, checkpoint: Checkpoint) -> Iterator[Saved]:
+        """Yield the values of a checkpoint of the run; errors in the body name the file."""
+        try:
+            yield Saved("run", {}, checkpoint.meta)
+        except (RunError, SettingsError) as error:
+            raise RunError(f"{self.path / CHECKPOINT}: {error}") from error
 
     @functools.cached_property
     def agent(self) -> Agent:
-        """The agent as of the newest checkpoint.
+        """The agent as of the checkpoint.
 
         Raises:
             RunError: There is no intact checkpoint, or the run's files were changed since.
         """
-        checkpoint = self._checkpoint
-        folder = RunFolder.open(self.path)
-        refuse_changes(folder, checkpoint)
-        made = read_run_metadata(folder)
+        checkpoint = self.checkpoint
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
+            made = self.made
             agent = Agent(bound, made.settings, made.seed, baseline=made.baseline)
-        with reading(checkpoint) as saved:
+        with self.reading(checkpoint) as saved:
             agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
         return agent
 
-    @property
-    def notice(self) -> str | None:
-        """A message if the newest checkpoint is damaged and the previous one is used; else None."""
-        damage = self._checkpoint.fallback
-        return None if damage is None else f"{damage} The agent is from the previous checkpoint."
-
     @functools.cached_property
-    def _checkpoint(self) -> Checkpoint:
-        return RunFolder.open(self.path).load_checkpoint()
+    def adaptation(self) -> ModelAdaptation:
+        """What the checkpoint has learned of the model.
+
+        Raises:
+            RunError: There is no intact checkpoint.
+        """
+        # Nothing is drawn after loading, so any seed will do.
+        unused = np.random.SeedSequence(0)
+        adaptation = ModelAdaptation(self.model, self.made.settings.adaptation, unused)
+        adaptation.load_state_dict(*self.saved_agent.part("adaptation"))
+        return adaptation
+
+    @property
+    def saved_agent(self) -> Saved:
+        """What the checkpoint has of the agent."""
+        arrays, meta = self.checkpoint
+        return Saved("agent", arrays, Saved("run", arrays, meta).part("agent")[1])
+
+    @property
+    def env_steps(self) -> int:
+        """Env steps of the training until the checkpoint."""
+        return Saved("run", *self.checkpoint).whole("env_steps")
+
+    @property
+    def adapted(self) -> TransitionModel | None:
+        """The model of the checkpoint; None where nothing that was learned is in use."""
+        if not self.has_checkpoint or self.adaptation.model.as_written:
+            return None
+        return self.adaptation.model
 
     def decide(
         self,
@@ -327,19 +415,38 @@ class Run:
             evaluation: The name of the evaluation: `<policy>-seed<seed>`.
 
         Raises:
-            RunError: There are none, or they are damaged.
+            RunError: There are none, they are damaged, or of another domain.
         """
-        return open_recording(self.path, evaluation)
+        found = open_recording(self.path, evaluation)
+        layout = found.layout
+        names = tuple(fluent.name for fluent in self.model.fluents)
+        ground = tuple(action.name for action in self.model.actions)
+        if (layout.fluents, layout.ground_actions) != (names, ground):
+            raise RunError(
+                f"{found.folder} does not fit the domain of the run: its fluents or actions have "
+                "other names. Restore it from a copy."
+            )
+        return found
 
-    def recorder(
-        self, policy: Policy, seed: int
-    ) -> contextlib.AbstractContextManager[Recorder | None]:
-        """Return the recorder of an evaluation of the run; see `recorded_evaluation`."""
+    @contextlib.contextmanager
+    def recorder(self, policy: Policy, seed: int) -> Iterator[Recorder | None]:
+        """Yield the recorder of an evaluation, in place of an earlier one of that policy and seed.
+
+        Where the folder of the run cannot be written, nothing is recorded, and a notice says so.
+        """
         check_policy(policy)
         seed = seed_of(seed)
         arbiter = self.agent.arbiter
         layout = Layout.of(arbiter.model, arbiter.actions, policy=policy, seed=seed)
-        return recorded_evaluation(self.path, f"{policy}-seed{seed}", layout)
+        with contextlib.ExitStack() as stack:
+            recorder: Recorder | None = None
+            try:
+                folder = make_inside(self.path, EVALUATIONS, f"{policy}-seed{seed}")
+                stack.callback(lock_folder(folder).release)
+                recorder = stack.enter_context(Recorder(folder, layout))
+            except (RunError, OSError) as error:
+                warnings.warn(f"the episodes are not recorded: {error}", Notice, stacklevel=3)
+            yield recorder
 
     @contextlib.contextmanager
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:
@@ -354,44 +461,7 @@ class Run:
             SerpError: The task cannot be loaded, or does not draw.
         """
         with self.task.bind(render_mode=render_mode) as task:
-            with reading(self._checkpoint) as saved:
+            with self.reading(self.checkpoint) as saved:
                 environments = Saved("run", {}, saved.part("environments")[1])
                 task.restore_environment(environments.part("0")[1], statistics_only=True)
             yield task
-
-
-def task_of_run(folder: RunFolder, task: Task | None = None) -> Task:
-    """Return a run's task with the run's own copies of its domains; refuse another task.
-
-    By default it is the world that the run's files describe, if it was trained on that, else the
-    installed task of that name.
-    """
-    made = read_run_metadata(folder)
-    if task is not None and task.name not in (None, made.task):
-        raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
-    limit = made.max_ground_schemas
-    if task is None and made.world is None:
-        task = load_task(made.task)
-    domain = load_domain(
-        *folder.copies(), observed=task is not None and not task.closed, max_ground_schemas=limit
-    )
-    if task is None:
-        assert made.world is not None
-        task = world_task(domain, made.world, made.control_period)
-    return dataclasses.replace(
-        task,
-        domain=domain,
-        problem=None,
-        name=made.task,
-        reward=made.reward,
-        dt=made.control_period,
-    )
-
-
-@contextlib.contextmanager
-def reading(checkpoint: Checkpoint) -> Iterator[Saved]:
-    """Yield the values of a checkpoint; errors in the body name the file."""
-    try:
-        yield Saved("run", {}, checkpoint.meta)
-    except (RunError, SettingsError) as error:
-        raise RunError(f"{checkpoint.path}: {error}") from error

@@ -5,53 +5,62 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from serp._util.files import Closing
 from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
-from serp.runs.folder import RunFolder
+from serp.runs.folder import DECISIONS, METRICS
 from serp.runs.recording import RECORDING, Layout, Recorder
-from serp.runs.tables import MetricsRow, decision_row
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow, Table, decision_row
 from serp.tasks.task import BoundTask
 
 
 class RunLog(Closing):
-    """Writes the steps and episodes of a training: tables and recording.
-
-    A context manager; the folder stays open.
+    """Writes the steps and episodes of a training: tables and recording. A context manager.
 
     Args:
-        folder: The run, open for writing.
+        folder: The folder of the run.
         task: The task.
-        env_steps: Env steps that the run has made before; what was recorded of later ones is
-            removed.
+        env_steps, episodes: Env steps and episodes that the run has made before; what was written
+            of later ones is removed.
+
+    Attributes:
+        metrics: The table of the episodes.
+
+    Raises:
+        RunError: Less than that is there, it is of another run, or the disk fails.
     """
 
-    def __init__(self, folder: RunFolder, task: BoundTask, env_steps: int = 0) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: Path, task: BoundTask, env_steps: int = 0, episodes: int = 0
+    ) -> None:
         self._name = task.actions.name
         layout = Layout.of(task.model, task.actions)
-        self._recorder = Recorder(folder.path / RECORDING, layout, env_steps)
+        with contextlib.ExitStack() as stack:
+            enter = stack.enter_context
+            self.metrics = enter(Table(folder / METRICS, METRICS_COLUMNS, episodes))
+            self._decisions = enter(Table(folder / DECISIONS, DECISIONS_COLUMNS, env_steps))
+            self._recorder = enter(Recorder(folder / RECORDING, layout, env_steps))
+            self._open = stack.pop_all()
 
     def step(self, step: StepRecord, *, env_step: int, episode: int) -> None:
         """Write a step and its decision: `env_step` counts from 0, `episode` from 1."""
         row = decision_row(step.decision, self._name, step=env_step, episode=episode)
-        self._folder.decisions.append(row)
+        self._decisions.append(row)
         self._recorder.append(episode, step)
 
-    def episode(self, row: MetricsRow) -> None:
-        """Write the metrics of an episode."""
-        self._folder.metrics.append(row)
-
     def flush(self) -> None:
-        """Write what is buffered of the recording."""
+        """Write what is buffered, and wait until the disk holds it."""
         self._recorder.flush()
+        self.metrics.sync()
+        self._decisions.sync()
 
     def close(self) -> None:
         """Write what is left; a second call does nothing."""
-        self._recorder.close()
+        self._open.close()
 
 
 class Bookkeeping:
@@ -112,5 +121,5 @@ class Bookkeeping:
             **counts,
         )
         if self.log is not None:
-            self.log.episode(row)
+            self.log.metrics.append(row)
         return row

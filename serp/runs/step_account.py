@@ -2,29 +2,36 @@
 
 Values are those that were recorded. Causes are those of the file as the run has it. What lies
 beyond one control period, and what would have had to differ, is computed by a planner that makes
-the same choice in this state, see `serp.runs.run_model`. Where none does, it is left out.
+the same choice in this state, see `agreeing_planner`. Where none does, it is left out.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import percent, plural, readable
+from serp._util.text import duration, percent, plural, readable
 from serp.agent.causes import Cause, observed_causes
-from serp.agent.counterfactuals import Counterfactuals
+from serp.agent.chosen_planner import ChosenPlanner
+from serp.agent.counterfactuals import Counterfactuals, counterfactuals
 from serp.agent.decision import Reason
 from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided, why_refused
+from serp.agent.veto import VetoPolicy
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.edges import Bound
+from serp.planning.far_sight import FarSightPlanner
+from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
-from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of, planned_again
+from serp.runs.run import Run
+from serp.tasks.action_map import ActionForecast, ActionMap
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,7 @@ class PredictedFluent:
     learned: float | bool | None = None
 
 
-def predictions_of(run: RunModel, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
+def predictions_of(run: Run, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
     """Return what was predicted for a step and what came of it, the largest error first."""
     model = run.model
     before, after = model.values(step.state), model.values(step.next_state)
@@ -131,23 +138,13 @@ def most_telling(recording: Recording) -> tuple[int, str]:
     return len(recording) - 1, "the last step: nothing was refused, and nothing unsafe"
 
 
-def clock(seconds: float) -> str:
-    """Return seconds as `3:12`, `1:03:12` or, where they are not whole, `3:12.46`."""
-    hundredths = round(100 * seconds)
-    minutes, rest = divmod(hundredths, 6000)
-    hours, minutes = divmod(minutes, 60)
-    text = f"{rest // 100:02}" + (f".{rest % 100:02}".rstrip("0") if rest % 100 else "")
-    return f"{hours}:{minutes:02}:{text}" if hours else f"{minutes}:{text}"
-
-
 @dataclass(frozen=True)
 class StepAccount:
     """The account of a recorded step.
 
     Attributes:
         step: The step, with its decision.
-        time: Time since the episode began, such as `3:12.4`.
-        because: Why this step was chosen; empty where it was asked for.
+        time: Time since the episode began, such as `3 min 12 s`.
         account: Alternatives with the recorded values, causes and runner-up.
         was_planned: Whether the planner planned. If not, it only checked which actions are safe,
             and the forecast of the step is that of `ahead_by`.
@@ -164,7 +161,6 @@ class StepAccount:
 
     step: StoredStep
     time: str
-    because: str
     account: Explanation
     was_planned: bool
     ahead_by: str
@@ -211,16 +207,13 @@ class StepAccount:
         }
 
 
-def account_of_step(
-    run: RunModel, recording: Recording, step: int, because: str = ""
-) -> StepAccount:
+def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
     """Return the account of a recorded step.
 
     Args:
         run: The run.
         recording: The recording, of the run or of an evaluation of it.
         step: Its position in the recording.
-        because: Why it is shown; empty where it was asked for.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
@@ -241,17 +234,21 @@ def account_of_step(
         paths = [ahead[g] if g >= 0 else [] for g in ground]
         within = recording.ranges, recording.whole
         other_choices = planner.other_choices(state, *within)
-        other_vetoes = other_vetoes_of(run, stored, planner, *within)
+        refused = refusal_of(run, stored)
+        if refused is not None and refused(planner.forecast(state)):
+            other_vetoes = counterfactuals(
+                lambda state: refused(planner.forecast(state)), run.model, state, within[0],
+                whole=within[1], called=("allowed", "refused").__getitem__, seconds=_SECONDS,
+            )  # fmt: skip
     account = explain(
         model, state, decision.forecast, decision.action,
         names=recording.layout.actions, ground=ground, paths=paths,
-        discount=run.settings.planner.discount,
+        discount=run.made.settings.planner.discount,
     )  # fmt: skip
     observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
     return StepAccount(
         step=stored,
-        time=clock((stored.number - 1) * recording.layout.control_period),
-        because=because,
+        time=duration((stored.number - 1) * recording.layout.control_period),
         account=account,
         was_planned=planned,
         ahead_by="" if planner is None else planner.name,
@@ -264,7 +261,7 @@ def account_of_step(
     )
 
 
-def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
+def _judged(run: Run, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
     """Return causes, reward and flag of what was observed, by the file as written."""
     try:
         causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
@@ -273,13 +270,97 @@ def _judged(run: RunModel, step: StoredStep, ground: int) -> tuple[list[Cause], 
     return causes, judged.reward, judged.unsafe or step.unsafe
 
 
+# Planning again ----------------------------------------------------------------------------------
+
+
+_SECONDS: Final = 4.0
+"""Time that planning again may take, and the search for what would have had to differ."""
+
+
+def agreeing_planner(run: Run, step: StoredStep) -> ChosenPlanner | None:
+    """Return a planner that chooses what the planner of the run chose, or None.
+
+    It plans with the file as written, or with what the newest checkpoint has learned. Of the two it
+    is one that refuses the proposal that was refused, if there is one; then the one by which the
+    choice is worth most nearly what was recorded. Where nothing was planned, it is the newest one.
+    """
+    forecast = step.decision.forecast
+    if forecast.bound is Bound.SAFETY:
+        return [*_candidates(run)][-1]
+    if forecast.choice < 0:
+        return None
+    chosen = int(forecast.ground[forecast.choice])
+    recorded = float(forecast.value[forecast.choice])
+    refused = refusal_of(run, step)
+    best, rank = None, (True, math.inf)
+    for planner in _candidates(run):
+        found = planner.forecast(step.state)
+        allowed = refused is not None and not refused(found)
+        own = allowed, abs(float(found.value[chosen]) - recorded)
+        if found.choice == chosen and (best is None or own < rank):
+            best, rank = planner, own
+        if rank <= (False, 1e-9 * max(1.0, abs(recorded))):
+            break
+    return best
+
+
+def planned_again(
+    forecast: ActionForecast, planner: ChosenPlanner, state: Vector
+) -> ActionForecast:
+    """Return the forecast of a step in which only safety was checked, with a planner's plan."""
+    found, ground = planner.forecast(state), forecast.ground
+    chosen = np.flatnonzero((ground == found.choice) & (ground >= 0))
+
+    def by_action(column: Vector, unknown: float) -> Vector:
+        return np.where(ground >= 0, column[ground], unknown)
+
+    return forecast._replace(
+        choice=int(chosen[0]) if len(chosen) else -1,
+        value=by_action(found.value, -np.inf),
+        path_risk=by_action(found.path_risk, 0.0),
+        depth=found.depth,
+        bound=found.bound,
+        indifferent=found.indifferent,
+    )
+
+
+def _candidates(run: Run) -> Iterator[ChosenPlanner]:
+    settings = run.made.settings.planner
+    make = FarSightPlanner if settings.name == "far-sight" else Lookahead
+    written = make(run.model, settings)
+    yield ChosenPlanner(written, run.model, settings, "the file as written", seconds=_SECONDS)
+    if not run.has_checkpoint or (make is Lookahead and run.adapted is None):
+        return
+    model = run.adaptation.model
+    planner = make(model, settings)
+    if isinstance(planner, FarSightPlanner):
+        planner.visited = run.adaptation.experience
+        planner.load_state_dict(*run.saved_agent.part("planner"))
+    learned = "what the newest checkpoint has learned"
+    yield ChosenPlanner(planner, model, settings, learned, seconds=_SECONDS)
+
+
+def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
+    """Return a function of a forecast: 1 where vetoes refuse the proposal of a step, else 0.
+
+    None where no proposal was refused, or the domain does not mention it.
+    """
+    decision = step.decision
+    ground = int(decision.forecast.ground[decision.proposed]) if decision.vetoed else -1
+    if ground < 0:
+        return None
+    actions = ActionMap(run.model, len(run.model.actions))
+    vetoes = VetoPolicy(actions, run.made.settings.arbiter)
+    return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
+
+
 # Sentences ----------------------------------------------------------------------------------------
 
 
 def heading(account: StepAccount) -> str:
-    """Return which step it is: `step 1,204, that is step 37 of episode 12, at 0:14.4`."""
+    """Return which step it is: `step 1,204, that is step 37 of episode 12, after 14.4 s`."""
     of, time = account.step, account.time
-    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, at {time}"
+    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, after {time}"
 
 
 def who_acted(account: StepAccount) -> list[str]:

@@ -126,7 +126,7 @@ def summarize(
         "shares": {
             actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
         },
-        "final_rho": _last(metrics["rho"]),
+        "final_rho": float(metrics["rho"][-1]) if episodes else None,
         "sight": sight_of(counts, steps),
         **(account or {}),
     }
@@ -145,7 +145,3 @@ def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> di
         "best_20": float(means[best]) if count >= WINDOW else None,
         "best_20_at_env_step": int(env_steps[best]) if count >= WINDOW else None,
     }
-
-
-def _last(values: np.ndarray[Any, Any]) -> float | None:
-    return float(values[-1]) if len(values) and np.isfinite(values[-1]) else None

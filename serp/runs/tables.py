@@ -10,21 +10,18 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
-import math
+import itertools
 import os
-import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, get_type_hints
+from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
 from serp._util.files import Closing, cannot_write, open_regular, read_regular
+from serp.agent.decision import Decision
 from serp.errors import RunError
-
-if TYPE_CHECKING:
-    from serp.agent.decision import Decision
 
 
 class MetricsRow(NamedTuple):
@@ -111,137 +108,96 @@ METRICS_COLUMNS = _columns(MetricsRow)
 DECISIONS_COLUMNS = _columns(DecisionRow)
 
 
-class Position(NamedTuple):
-    """A position in a table: the number of bytes before it, and their CRC-32."""
-
-    bytes: int
-    checksum: int
-
-
 class Table(Closing):
     """Writes one CSV file with fixed columns.
 
-    A missing or empty file is created with its header. Opening an existing one checks its header;
-    `truncate` then drops what was written after a checkpoint.
-
     Args:
-        path: The file.
+        path: The file; it is made with its header, if it is missing.
         columns: The names of its columns.
+        rows: Rows to keep of what it holds; the rest is removed.
+
+    Raises:
+        RunError: It has other columns or fewer rows, or the disk fails.
     """
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str], rows: int = 0) -> None:
         self._path = path
         self._columns = tuple(columns)
         self._rows: list[Sequence[Any]] = []
-        self._header = _lines([columns])
-        try:
+        with self._or_refused("The table is unchanged."), contextlib.ExitStack() as stack:
             file = open_regular(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
-            self._file = os.fdopen(file, "r+b", buffering=0)
-        except OSError as error:
-            raise cannot_write(path, error, "The table is unchanged.") from error
+            self._file = stack.enter_context(os.fdopen(file, "r+b", buffering=0))
+            end = self._end_of(rows)
+            self._file.truncate(end)
+            if not end:
+                self._rows.append(self._columns)
+                self.flush()
+            stack.pop_all()
+
+    @contextlib.contextmanager
+    def _or_refused(self, kept: str) -> Iterator[None]:
         try:
-            found = self._file.read(len(self._header))
-            if not self._header.startswith(found):
-                raise RunError(
-                    f"{self._path}:1: has other columns than this serp writes "
-                    f"({', '.join(self._columns)}). Begin a new run with another --out."
-                )
-            begun = found == self._header
-            self._end = os.fstat(self._file.fileno()).st_size if begun else 0
-            self._checksum = self._checksum_of(self._end)
-            if not begun:  # a new file, or one that was truncated in its header
-                self._file.truncate(0)
-                self._write(self._header)
-        except BaseException as error:
-            self._file.close()
-            if isinstance(error, OSError):
-                raise cannot_write(path, error, "The table is unchanged.") from error
-            raise
+            yield
+        except OSError as error:
+            raise cannot_write(self._path, error, kept) from error
+
+    def _end_of(self, rows: int) -> int:
+        """Return the number of bytes up to the end of a row; 0 for a file without a header."""
+        header = _lines([self._columns])
+        end = complete = 0
+        with open(self._file.fileno(), "rb", closefd=False) as file:
+            for line in itertools.islice(file, 1 + rows):
+                if not end and not header.startswith(line):
+                    raise RunError(
+                        f"{self._path}:1: has other columns than this serp writes "
+                        f"({', '.join(self._columns)}). Begin a new run with another --out."
+                    )
+                if line.endswith(b"\n"):
+                    end, complete = end + len(line), complete + 1
+        if rows and complete < 1 + rows:
+            raise RunError(
+                f"{self._path} has not the {rows:,} rows that the run had written: it was changed "
+                "since. Restore it from a copy, or begin a new run with another --out."
+            )
+        return end
 
     def append(self, row: Sequence[Any]) -> None:
         """Add a row; it is written at the next `flush`, or when 1,024 rows are buffered.
 
         Its values, one per column, must not change afterwards.
         """
-        if len(row) != len(self._columns):
-            raise ValueError(
-                f"{len(row)} values for the {len(self._columns)} columns of {self._path}"
-            )
         self._rows.append(row)
         if len(self._rows) >= 1024:
             self.flush()
 
     def flush(self) -> None:
         """Write all buffered rows at once; after a failure they are still buffered."""
-        if self._rows:
-            self._write(_lines(self._rows))
-            self._rows.clear()
+        if not self._rows:
+            return
+        rest = memoryview(_lines(self._rows))
+        end = self._file.seek(0, os.SEEK_END)
+        with self._or_refused(f"Its rows up to byte {end} are intact."):
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except BaseException:
+                # Remove a partial row: the next one would be appended to it.
+                with contextlib.suppress(OSError):
+                    self._file.truncate(end)
+                raise
+        self._rows.clear()
 
     def sync(self) -> None:
         """Flush, and wait until the disk holds the rows."""
         self.flush()
-        try:
+        with self._or_refused("Its last rows may be missing."):
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise cannot_write(self._path, error, "Its last rows may be missing.") from error
-
-    def position(self) -> Position:
-        """Flush, and return the end of the table, for `truncate`."""
-        self.flush()
-        return Position(self._end, self._checksum)
-
-    def truncate(self, to: Position) -> None:
-        """Go back to an earlier `position`: drop the rows after it, and buffered ones."""
-        self._rows.clear()
-        restore = "Restore the table from a copy, or begin a new run with another --out."
-        if not len(self._header) <= to.bytes <= self._end:
-            raise RunError(
-                f"{self._path} has {self._end} bytes, and the checkpoint was made when it had "
-                f"{to.bytes}: the table was truncated or changed since. {restore}"
-            )
-        try:
-            if self._checksum_of(to.bytes) != to.checksum:
-                raise RunError(
-                    f"the rows of {self._path} up to byte {to.bytes} were changed after the "
-                    f"checkpoint was made. {restore}"
-                )
-            self._file.truncate(to.bytes)
-        except OSError as error:
-            raise cannot_write(self._path, error, "The table is unchanged.") from error
-        self._end, self._checksum = to
 
     def close(self) -> None:
         """Flush and close; a second call does nothing."""
-        if self._file.closed:
-            return
-        try:
-            self.flush()
-        finally:
-            self._file.close()
-
-    def _checksum_of(self, size: int) -> int:
-        """Return the CRC-32 of the first `size` bytes."""
-        checksum = 0
-        self._file.seek(0)
-        for start in range(0, size, 65_536):
-            checksum = zlib.crc32(self._file.read(min(65_536, size - start)), checksum)
-        return checksum
-
-    def _write(self, data: bytes) -> None:
-        rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except BaseException as error:
-            # Remove a partial row: the next one would be appended to it.
-            with contextlib.suppress(OSError):
-                self._file.truncate(self._end)
-            if not isinstance(error, OSError):
-                raise
-            kept = f"Its rows up to byte {self._end} are intact."
-            raise cannot_write(self._path, error, kept) from error
-        self._end += len(data)
-        self._checksum = zlib.crc32(data, self._checksum)
+        if not self._file.closed:
+            with self._file:
+                self.flush()
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> bytes:
@@ -262,59 +218,46 @@ def _cell(value: Any) -> str | float | None:
     return " ".join(text.splitlines()) if "\n" in text or "\r" in text else text
 
 
+_CELLS: Final[Mapping[Any, tuple[Callable[[str], float], str]]] = {
+    int: (lambda cell: int(np.int64(cell)), "a whole number of 64 bits"),
+    bool: ({"0": False, "1": True}.__getitem__, "0 or 1"),
+    float: (lambda cell: float(cell or "nan"), "a number"),
+}
+"""Type of a column → what reads a cell of it, and what a cell must be."""
+
+
 def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Read ``metrics.csv``: column → array ``[episodes]``.
 
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell. A last line
     without a line break is incomplete (the run was killed, or is writing) and is left out.
     """
-    hints = get_type_hints(MetricsRow)
-    kinds = [hints[field] for field in MetricsRow._fields]
-    columns: list[list[float]] = [[] for _ in kinds]
-    for number, cells in enumerate(_cells(path), start=2):
-        if len(cells) != len(kinds):
-            why = f"{len(cells)} cells where the header has {len(kinds)}"
-            raise _malformed(path, number, why)
-        for k, cell in enumerate(cells):
-            try:
-                columns[k].append(_parse(kinds[k], cell))
-            except (KeyError, ValueError, OverflowError):
-                wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(
-                    kinds[k], "a number"
-                )
-                why = f"{METRICS_COLUMNS[k]} is {cell!r}; it must be {wanted}"
-                raise _malformed(path, number, why) from None
-    return {
-        name: np.array(column, kind if kind in (int, bool) else float)
-        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
-    }
 
+    def malformed(number: int, why: str) -> RunError:
+        return RunError(
+            f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
+        )
 
-def _cells(path: Path) -> Iterator[list[str]]:
-    """Yield the cells of every complete row of ``metrics.csv``, which has numbers only."""
-    try:
-        content = read_regular(path)
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
-    lines = content.decode("utf-8", "backslashreplace").split("\n")
-    if lines[0].rstrip("\r") != ",".join(METRICS_COLUMNS):
+    lines = read_regular(path).decode("utf-8", "backslashreplace").split("\n")
+    header, *rows = [line.rstrip("\r").split(",") for line in lines[:-1] or lines]
+    if tuple(header) != METRICS_COLUMNS:
         raise RunError(
             f"{path}:1: the columns are not {', '.join(METRICS_COLUMNS)}. Was this file written by "
             "serp, of this version?"
         )
-    for line in lines[1:-1]:
-        yield line.rstrip("\r").split(",")
-
-
-def _parse(kind: Any, cell: str) -> float:
-    if kind is bool:
-        return {"0": False, "1": True}[cell]
-    if kind is int:
-        return int(np.int64(cell))
-    return float(cell) if cell else math.nan
-
-
-def _malformed(path: Path, number: int, why: str) -> RunError:
-    return RunError(
-        f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
-    )
+    hints = get_type_hints(MetricsRow)
+    kinds = [hints[field] if hints[field] in _CELLS else float for field in MetricsRow._fields]
+    columns: list[list[float]] = [[] for _ in kinds]
+    for number, cells in enumerate(rows, start=2):
+        if len(cells) != len(kinds):
+            raise malformed(number, f"{len(cells)} cells where the header has {len(kinds)}")
+        for name, kind, cell, column in zip(header, kinds, cells, columns, strict=True):
+            read, wanted = _CELLS[kind]
+            try:
+                column.append(read(cell))
+            except (KeyError, ValueError, OverflowError):
+                raise malformed(number, f"{name} is {cell!r}; it must be {wanted}") from None
+    return {
+        name: np.array(column, kind)
+        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
+    }

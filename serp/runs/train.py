@@ -6,8 +6,8 @@ What the user gave is checked before the run folder is made.
 from __future__ import annotations
 
 import contextlib
-import datetime
 import os
+import shlex
 import signal
 import threading
 import time
@@ -21,22 +21,20 @@ from serp._util.processes import one_thread
 from serp.agent.agent import account_of
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, RunError, SettingsError, TaskError
-from serp.runs.folder import RunFolder, default_path, refuse_occupied
+from serp.errors import Interrupted, RunError, SettingsError
+from serp.model.transition_model import StateError
+from serp.runs import checkpoint
+from serp.runs.folder import METRICS, default_path, refuse_occupied
 from serp.runs.progress import Progress
-from serp.runs.resume import advice_to_resume, restore
-from serp.runs.run import (
-    Run,
-    begin_run,
-    content_digests,
-    read_run_metadata,
-    task_of_run,
-)
+from serp.runs.results import write_results
+from serp.runs.run import Run
+from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
-from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
-from serp.settings import resolve
+from serp.runs.tables import read_metrics
+from serp.runs.trainer import Callbacks, OnEpisode, Trainer
+from serp.settings import entries, resolve
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask, Task, describe_source
+from serp.tasks.task import Task, describe_source
 
 SIGNALS: Final[tuple[signal.Signals, ...]] = (
     signal.SIGINT,
@@ -46,8 +44,6 @@ SIGNALS: Final[tuple[signal.Signals, ...]] = (
 _ECHO: Final = 1.0
 """Seconds in which a repeated SIGTERM or SIGHUP counts as the same request, because `timeout`,
 shells and schedulers send it to the process and to its group."""
-
-
 CHECKPOINT_SECONDS: Final = 15.0
 """Longest time between two checkpoints; they are written between episodes."""
 
@@ -123,45 +119,59 @@ def stop_between_episodes() -> Iterator[Stopping]:
             signal.signal(number, handler)
 
 
-def continue_training(
-    folder: RunFolder, task: BoundTask, budget: Budget, callbacks: Callbacks, *, quiet: bool
-) -> Run:
-    """Continue a run from its newest checkpoint, as if it had not been interrupted."""
-    made = read_run_metadata(folder)
-    with Trainer(task, made.settings, made.seed, baseline=made.baseline) as trainer:
-        before = restore(folder, trainer, made.budget)
-        limits = budget if budget.limits else before
-        return train(folder, trainer, limits, callbacks, quiet=quiet)
+def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
+    """Restore the checkpoint, if there is one; return the budget of the run."""
+    metrics = run.path / METRICS
+    # A run without a checkpoint and without an episode was stopped before it began.
+    if run.has_checkpoint or (metrics.exists() and len(read_metrics(metrics)["episode"])):
+        saved = run.read_checkpoint()
+        with run.reading(saved) as values:
+            trainer.load_state_dict(*saved)
+            before = Budget(**dict(entries(values.part("budget")[1], "budget", "{}")))
+    return before
 
 
-def train(
-    folder: RunFolder,
-    trainer: Trainer,
-    budget: Budget,
-    callbacks: Callbacks,
-    *,
-    quiet: bool,
-) -> Run:
+@contextlib.contextmanager
+def advice_to_resume(run: Run) -> Iterator[None]:
+    """Add to any error of a training how to continue it, if that is possible.
+
+    Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
+    """
+    try:
+        yield
+    except (SettingsError, StateError):
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        if run.has_checkpoint:
+            kept = f"The run up to the last checkpoint is kept in {run.path}. "
+            error.add_note(
+                f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
+                f"  serp plan-and-learn --resume {shlex.quote(str(run.path))}\n"
+                f"or, in Python, plan_and_learn(task, out={str(run.path)!r}, resume=True)"
+            )
+        raise
+
+
+def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, quiet: bool) -> Run:
     """Train until the budget is spent, a signal is received or a callback fails."""
-    settings = trainer.settings.training
     if not budget.limits:
-        budget = Budget(env_steps=settings.env_steps)
+        budget = Budget(env_steps=trainer.settings.training.env_steps)
     before = trainer.env_steps
-    digests = content_digests(folder)
-    progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
+    digests = run.digests()
+    progress = Progress(trainer, budget, f"{trainer.task.name} → {run.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
 
     def save() -> float:
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        if trainer.log is not None:
-            trainer.log.flush()
-        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
+        log.flush()
+        meta |= {"budget": budget.as_dict(), "made_of": digests}
+        checkpoint.save(run.path / checkpoint.CHECKPOINT, arrays, meta)
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)
 
-    with advice_to_resume(folder), stop_between_episodes() as stopping:
+    with advice_to_resume(run), stop_between_episodes() as stopping:
 
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
@@ -174,14 +184,13 @@ def train(
             progress.refresh()
 
         trainer.on_step = after_step
-        log = RunLog(folder, trainer.task, trainer.env_steps)
+        log = RunLog(run.path, trainer.task, trainer.env_steps, trainer.episode)
         with log, one_thread(), progress:
             trainer.log = log
-            task = trainer.task
             source = describe_source(
                 trainer.judge.source,
-                in_file=task.model.rewarding,
-                world=task.task.world is not None,
+                in_file=run.made.file_rewards,
+                world=run.made.world is not None,
             )
             progress.note(f"The learner learns from {source}.")
             if trainer.agent.adaptation.notice is not None:
@@ -201,20 +210,16 @@ def train(
                     due = save()
             if trainer.env_steps > before:
                 save()
-        from serp.runs.results import write_results
-
-        account = account_of(trainer.agent)
-        vetoes = trainer.tally.vetoes_by_reason()
-        write_results(folder, vetoes, account)
+        write_results(run, trainer.tally.vetoes_by_reason(), account_of(trainer.agent))
         if callbacks.failure is not None:
             raise callbacks.failure
         if stopping.signal is not None and not budget.spent_by(trainer):
             raise Interrupted(
                 f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "
-                f"everything is saved in {folder.path}.",
+                f"everything is saved in {run.path}.",
                 stopping.signal,
             )
-    return Run(folder.path, trainer.task.task)
+    return run
 
 
 def plan_and_learn(
@@ -259,36 +264,30 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; the run is saved and can be resumed.
     """
-    begun = datetime.datetime.now()
     budget = Budget(episodes=episodes, env_steps=env_steps)
     callbacks = Callbacks(on_step, on_episode)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
-    if not isinstance(task, Task | str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if resume:
         if out is None:
             raise RunError("to resume, name the run's folder (--out RUN)")
-        folder = RunFolder.open(out, writing=True)
-        with folder:
-            # The run has its own copy of the domain.
-            own = task_of_run(folder, None if isinstance(task, str) else task)
-            with own.bind() as bound:
-                return continue_training(folder, bound, budget, callbacks, quiet=quiet)
-    if isinstance(task, str):
-        task = find_task(task)
+        own = None if isinstance(task, str) else task
+        with Run(Path(out), own).lock() as run, run.task.bind() as bound:
+            made = run.made
+            with Trainer(bound, made.settings, made.seed, baseline=made.baseline) as trainer:
+                before = restore(run, trainer, made.budget)
+                limits = budget if budget.limits else before
+                return train(run, trainer, limits, callbacks, quiet=quiet)
+    task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
     refuse_unknown_names(resolved, task.planners)
     if out is not None:
         refuse_occupied(Path(out))
     with task.bind() as bound:
-        path = Path(out) if out is not None else default_path(bound.name, begun)
-
+        path = Path(out) if out is not None else default_path(bound.name)
         with (
             Trainer(bound, resolved, seed) as trainer,
-            begin_run(
-                path, bound, resolved, preset=preset, seed=seed, budget=budget, begun=begun
-            ) as folder,
+            Run.begin(path, bound, resolved, preset=preset, seed=seed, budget=budget) as run,
         ):
-            return train(folder, trainer, budget, callbacks, quiet=quiet)
+            return train(run, trainer, budget, callbacks, quiet=quiet)

@@ -6,11 +6,9 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, Any
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from serp._util.files import Closing
 from serp._util.saved_state import Saved
@@ -21,35 +19,8 @@ from serp.model.transition_model import StateError
 from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import Bookkeeping
 from serp.runs.tables import MetricsRow
-from serp.settings import Section, Settings
+from serp.settings import Settings
 from serp.tasks.task import BoundTask, Judge
-
-Limit = Annotated[int, Field(ge=1)] | None
-
-
-class Budget(Section):
-    """Limits of a training, counted from the run's beginning; it ends when it reaches one."""
-
-    episodes: Limit = None
-    """Number of complete episodes; None for no limit."""
-    env_steps: Limit = None
-    """Number of env steps; the episode that reaches it is finished. None for no limit."""
-
-    @property
-    def limits(self) -> dict[str, int]:
-        """The limits that there are, by name."""
-        return {name: limit for name, limit in self if limit is not None}
-
-    @staticmethod
-    def counts(trainer: Trainer) -> dict[str, int]:
-        """Return the counts of a training by the names of their limits."""
-        return {"episodes": trainer.episode, "env_steps": trainer.env_steps}
-
-    def spent_by(self, trainer: Trainer) -> bool:
-        """Return whether a limit is reached."""
-        counts = self.counts(trainer)
-        return any(counts[name] >= limit for name, limit in self.limits.items())
-
 
 OnEpisode = Callable[[MetricsRow], None]
 """Called with the row of the metrics of every episode, after the episode."""
@@ -140,14 +111,6 @@ class Trainer(Bookkeeping, Closing):
         """Close the environments that the trainer has made; that of the task stays open."""
         self._open.close()
 
-    def run_episode(self) -> MetricsRow:
-        """Train for one episode with one environment, and return its row of the metrics.
-
-        Errors are those of `run`.
-        """
-        (row,) = self.run()
-        return row
-
     def run(self) -> Iterator[MetricsRow]:
         """Train until no episode is running; yield the rows of the metrics as episodes end.
 
@@ -202,7 +165,7 @@ class Trainer(Bookkeeping, Closing):
         for env in running:
             agent.turn_to(env.index)
             if env.rollout is None or env.decision is None:
-                self._reset(env)
+                env.rollout = Rollout(env.task, agent, self.judge, env.seed)
                 continue
             self.under_way = self.env_steps + 1
             step = env.rollout.step(env.decision)
@@ -222,16 +185,6 @@ class Trainer(Bookkeeping, Closing):
             if self.on_step is not None:
                 self.on_step(step)
         return ended
-
-    def _reset(self, env: RolloutEnv) -> None:
-        env.rollout = Rollout(
-            env.task,
-            self.agent.take_in,
-            seed=env.seed,
-            limit=self.settings.training.episode_steps,
-            judge=self.judge,
-        )
-        self.agent.arbiter.begin_episode()
 
     def _decide(self, environments: list[RolloutEnv]) -> None:
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
@@ -266,7 +219,6 @@ class Trainer(Bookkeeping, Closing):
             "episode": self.episode,
             "env_steps": self.env_steps,
             "tally": self.tally.state_dict(),
-            "recent": list(self.recent),
             "pretrained": self._pretrained,
             "wall_time": self.wall_time,
             "environments": {
@@ -286,8 +238,6 @@ class Trainer(Bookkeeping, Closing):
         for name in ("episode", "env_steps"):
             setattr(self, name, saved.whole(name))
         self.tally.load_state_dict(saved.part("tally")[1])
-        self.recent.clear()
-        self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")
         self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
         environments = Saved("environments", {}, saved.part("environments")[1])

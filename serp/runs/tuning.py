@@ -131,7 +131,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         **options: All but `vary` are optional.
 
             * `vary`: name of a setting (`learner.learning_rate`) → its values: a text (`A..B`,
-              `log:A..B` or `A,B,...`), a list, or None for all values of a truth value or word.
+              `log:A..B` or `A,B,...`) or a list.
             * `algorithm`: one of serp's algorithms; `serp` by default.
             * `objective`: `training`, the area under the training curve (the default), or
               `evaluation`, the mean return of the trained policy.

@@ -3,7 +3,6 @@
 learner.learning_rate=log:1e-4..1e-2    a range, here on a logarithmic scale
 planner.depth=2..7                      whole numbers, if the setting is one
 learner.hidden=[64,64],[128,128]        values
-learner.layer_norm                      all values, of a truth value or a choice of words
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Any
 
 from optuna.distributions import (
     BaseDistribution,
@@ -21,7 +20,7 @@ from optuna.distributions import (
 )
 
 from serp.errors import SettingsError
-from serp.settings import Changes, Settings, setting_value
+from serp.settings import Changes, Settings, assigned, setting_value
 
 Space = dict[str, BaseDistribution]
 """`section.setting` → its values; choices are texts, because Optuna takes no lists."""
@@ -40,14 +39,7 @@ def space_of(vary: Mapping[str, Any]) -> Space:
 
 def changes_of(parameters: Mapping[str, Any]) -> Changes:
     """Return section → setting → value for the parameters of an Optuna trial."""
-    changes: dict[str, dict[str, Any]] = {}
-    for name, value in parameters.items():
-        section, _, setting = name.partition(".")
-        value = json.loads(value) if isinstance(value, str) else value
-        changes.setdefault(section, {})[setting] = (
-            tuple(value) if isinstance(value, list) else value
-        )
-    return changes
+    return assigned(f"{name}={value}" for name, value in parameters.items())
 
 
 def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
@@ -59,9 +51,7 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
             value = json.dumps(value)
             inside = value in values.choices
         else:
-            assert isinstance(values, IntDistribution | FloatDistribution)
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            inside = number and values.low <= value <= values.high
+            inside = isinstance(value, int | float) and values.low <= value <= values.high
         if not inside:
             return {}
         parameters[name] = value
@@ -69,17 +59,15 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
 
 
 def _distribution(name: str, given: Any) -> BaseDistribution:
-    if given in (None, ""):
-        return _choices(_all_values(name, _kind(name)))
-    if not isinstance(given, str):
-        if not isinstance(given, list | tuple) or not given:
-            forms = "A..B, log:A..B or A,B,..."
-            raise SettingsError(f"{name}: expected a list of values or a text such as {forms}")
-        return _choices([_checked(name, value) for value in given])
-    ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)
+    if not isinstance(given, str | list | tuple) or not given:
+        raise SettingsError(f"{name}: say which values: A..B, log:A..B or A,B,..., or a list")
+    ends = None
+    if isinstance(given, str):
+        ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)
     if ends is None:
-        texts = re.split(r",(?![^\[]*\])", given)  # commas outside brackets
-        return _choices([_checked(name, setting_value(text)) for text in texts])
+        if isinstance(given, str):
+            given = map(setting_value, re.split(r",(?![^\[]*\])", given))  # not within brackets
+        return CategoricalDistribution([json.dumps(_checked(name, value)) for value in given])
     low, high = (_checked(name, setting_value(text)) for text in ends.groups()[1:])
     log = ends[1] is not None
     numbers = {type(low), type(high)} <= {int, float}
@@ -93,10 +81,6 @@ def _distribution(name: str, given: Any) -> BaseDistribution:
     return FloatDistribution(low, high, log=log)
 
 
-def _choices(values: list[Any]) -> CategoricalDistribution:
-    return CategoricalDistribution([json.dumps(value) for value in values])
-
-
 def _value(settings: Settings, name: str) -> Any:
     section, _, setting = name.partition(".")
     return getattr(getattr(settings, section), setting)
@@ -106,23 +90,3 @@ def _checked(name: str, value: Any) -> Any:
     """Return a value in the form of the setting; refuse one that it does not take."""
     section, _, setting = name.partition(".")
     return _value(Settings().replace({section: {setting: value}}), name)
-
-
-def _kind(name: str) -> Any:
-    """Return the type of a setting."""
-    section, _, setting = name.partition(".")
-    fields = getattr(type(getattr(Settings(), section, None)), "model_fields", {})
-    if setting not in fields:
-        _checked(name, None)  # raises, with the nearest name
-    return fields[setting].annotation
-
-
-def _all_values(name: str, kind: Any) -> list[Any]:
-    """Return all values of a truth value, of a choice of words, or of a union of such."""
-    if kind is bool:
-        return [False, True]
-    if get_origin(kind) is Literal:
-        return list(get_args(kind))
-    if not get_args(kind) or get_origin(kind) in (tuple, Annotated):
-        raise SettingsError(f"{name}: say which values: A..B, log:A..B or A,B,...")
-    return [value for part in get_args(kind) for value in _all_values(name, part)]

@@ -186,8 +186,8 @@ def find_domain_file(domain: str) -> Path | None:
     return None if domain in task_entries() else _shipped_beside(domain)
 
 
-def find_task(domain: Task | str) -> Task:
-    """Return a task, the installed task of that name, or the one that a domain file means.
+def find_task(named: Task | str) -> Task:
+    """Return the task that is given, or meant by its name or by a domain file.
 
     A file belongs to the task with the name of its domain, or with the name of the file up to a
     hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`). One that belongs to
@@ -197,15 +197,15 @@ def find_task(domain: Task | str) -> Task:
         TaskError: There is no such file or task, or the file is no world to learn in.
         DomainError: The file is wrong.
     """
-    if _is_task(domain):
-        return domain
-    if not isinstance(domain, str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {domain!r}")
-    path = find_domain_file(domain)
-    if path is None and Path(domain).is_dir() and domain not in task_entries():
-        raise TaskError(f"{domain} is a folder; give one of the files in it, or the name of a task")
+    if _is_task(named):
+        return named
+    if not isinstance(named, str):
+        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {named!r}")
+    path = find_domain_file(named)
+    if path is None and Path(named).is_dir() and named not in task_entries():
+        raise TaskError(f"{named} is a folder; give one of the files in it, or the name of a task")
     if path is None:
-        return load_task(domain)
+        return load_task(named)
     loaded = load_domain(path, observed=True)
     task = task_of(loaded, path)
     if task is not None:

@@ -15,7 +15,6 @@ from serp._util.did_you_mean import did_you_mean
 from serp.errors import SerpError
 from serp.runs import Policy
 from serp.ui.output import examples
-from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
@@ -220,13 +219,10 @@ def asked_settings(
 
 
 def open_run(folder: Path) -> Run:
-    """Open a run, and print the notice of its agent, if it has one."""
+    """Open a run with the task of `--task`."""
     from serp.runs.run import load_run
 
-    run = load_run(folder, asked_own_task())
-    if run.notice is not None:
-        say(run.notice)
-    return run
+    return load_run(folder, asked_own_task())
 
 
 def rolled_out(

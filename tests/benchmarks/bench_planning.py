@@ -109,7 +109,7 @@ def adapted(name: str, rounds: int, train: int) -> None:
         with Trainer(task, settings, 0) as trainer:
             trainer.on_step = lambda step: states.append(step.state)
             while trainer.env_steps < train:
-                trainer.run_episode()
+                next(trainer.run())
             models = (task.model, trainer.agent.adaptation.model)
             visited = np.random.default_rng(0).permutation(np.array(states))[:100]
             lookaheads = [Lookahead(model, settings.planner) for model in models]

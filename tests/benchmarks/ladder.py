@@ -249,7 +249,7 @@ def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
         begun = time.process_time()
         try:
             while True:
-                trainer.run_episode()
+                next(trainer.run())
         except Over:
             return rows
 

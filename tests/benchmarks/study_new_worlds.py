@@ -86,7 +86,7 @@ def main() -> None:
         with task.bind() as bound, Trainer(bound, resolve("default"), seed) as trainer:
             start, solved = time.process_time(), []
             for _ in range(options.episodes):
-                row = trainer.run_episode()
+                row = next(trainer.run())
                 solved.append(row.terminated)
             speed = trainer.env_steps / (time.process_time() - start)
         print(f"{name}, seed {seed}: {np.mean(solved[9:]):.1%} solved, {speed:.0f} steps/s")

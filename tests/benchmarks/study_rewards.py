@@ -21,7 +21,7 @@ from serp.model.flags import APPLICABLE, TERMINAL, going_on
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 from serp.settings import AdaptationSettings
 
 BINS: Final = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
@@ -86,8 +86,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("runs", nargs="+", type=Path, help="folders of runs")
     for path in parser.parse_args().runs:
-        run = RunModel(path)
-        seen, predicted = replayed(run.model, run.settings.adaptation, run.adaptation.experience)
+        run = Run(path)
+        seen, predicted = replayed(
+            run.model, run.made.settings.adaptation, run.adaptation.experience
+        )
         newest = slice(len(seen) * 4 // 5, None)
         print(f"## {path.name}: {len(seen)} steps, {int(seen[:, 1].sum())} ends\n")
         print(table(seen, predicted), table(seen[newest], predicted[newest]), sep="\n\n")

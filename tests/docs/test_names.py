@@ -93,7 +93,6 @@ NOT_IN_EVERY_RUN = {
     "evaluations/",
     "film.mp4",
     "report.html",
-    "checkpoint-damaged.safetensors",
 }
 
 

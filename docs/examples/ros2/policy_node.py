@@ -17,7 +17,7 @@ import serp
 
 
 def ground(observation):
-    """Return the numbers of the state, in the order of the manifest, for an observation."""
+    """Return the numbers of the state, in the order of `policy.fluents`, for an observation."""
     return observation
 
 

@@ -190,7 +190,7 @@ class ModelAdaptation:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
             if settings.residual:
-                self._learners = GroupLearners(adapted, seed, settings.rewards)
+                self._learners = GroupLearners(adapted, seed, settings.mode == "rewards")
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.model.learned.parameter_fit import ParameterEstimation

@@ -30,7 +30,7 @@ from serp.runs.comparison.trial import (
     make_external,
     read_trial,
 )
-from serp.runs.folder import RunLock, default_path, make_empty
+from serp.runs.folder import default_path, lock_folder, make_empty
 from serp.runs.train import stop_between_episodes
 from serp.settings import resolve
 from serp.tasks.registry import find_domain_file, find_task
@@ -96,7 +96,7 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
     """
     if not (folder / mark).is_file():
         make_empty(folder)
-    lock = RunLock(folder)
+    lock = lock_folder(folder)
     try:
         yield
     finally:

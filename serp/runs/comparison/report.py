@@ -34,7 +34,7 @@ from serp.runs.comparison.statistics import (
     training_curves,
 )
 from serp.runs.comparison.trial import Job, Trial
-from serp.runs.folder import machine
+from serp.runs.run_config import machine
 from serp.runs.summary import WINDOW
 
 NOTHING: Final = "–"

@@ -34,16 +34,16 @@ from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
-from serp.runs.folder import CONFIG, METRICS, SUMMARY, RunFolder
+from serp.runs.folder import METRICS, SUMMARY
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
-from serp.runs.resume import restore
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
-from serp.runs.run import begin_run
+from serp.runs.run import Run
+from serp.runs.run_config import CONFIG, Budget
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.tables import MetricsRow, read_metrics
-from serp.runs.train import train
-from serp.runs.trainer import Budget, Callbacks, Trainer
+from serp.runs.train import restore, train
+from serp.runs.trainer import Callbacks, Trainer
 from serp.settings import Settings
 from serp.tasks.environment import single
 from serp.tasks.task import BoundTask, Task
@@ -120,13 +120,13 @@ class Job:
         Raises:
             RunError: It was not.
         """
-        folder = RunFolder.open(self.folder)
+        run = Run(self.folder)
         domain = self.task.load()
-        copies = [file.read_text("utf-8") for file in folder.copies() if file is not None]
+        copies = [file.read_text("utf-8") for file in run.copies()]
         settings = json.loads(json.dumps(self.settings.as_dict()))
         parts = {
-            "settings": folder.config.get("settings") != settings,
-            "seed": folder.config.get("seed") != self.seed,
+            "settings": run.config["settings"] != settings,
+            "seed": run.made.seed != self.seed,
             "domain file": copies != [source.text for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
@@ -182,21 +182,21 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
                 raise Interrupted(f"stopped after {trainer.env_steps} env steps", 0)
 
         if job.begun:
-            folder = RunFolder.open(job.folder, writing=True)
+            run = Run(job.folder).lock()
         else:
-            folder = begin_run(
+            run = Run.begin(
                 job.folder, bound, settings, preset=job.algorithm.preset, seed=seed, budget=budget,
                 baseline=baseline,
             )  # fmt: skip
-        with folder:
-            restore(folder, trainer, budget)
+        with run:
+            restore(run, trainer, budget)
             if job.protocol.points(trainer.env_steps) & evaluations.due:
                 raise RunError(
                     f"{job.folder} went on without the evaluations of this comparison, or one of "
                     "them failed. Remove it to run the trial from the beginning."
                 )
             callbacks = Callbacks(after_step, after_episode)
-            train(folder, trainer, budget, callbacks, quiet=True)
+            train(run, trainer, budget, callbacks, quiet=True)
 
 
 class _Spent(BaseException):
@@ -293,11 +293,11 @@ def _train_external(
     learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size)
     agent.learner = cast(Learner, learner)
     evaluations = _Evaluations(job, agent, bound, arena)
-    folder = begin_run(
+    run = Run.begin(
         job.folder, bound, settings, preset=job.algorithm.preset, seed=seed,
         budget=Budget(env_steps=budget), baseline=True,
     )  # fmt: skip
-    env.log = log = RunLog(folder, bound)
+    env.log = log = RunLog(run.path, bound)
     env.budget = budget
 
     def after_step(step: StepRecord) -> None:
@@ -310,13 +310,14 @@ def _train_external(
                 evaluations.evaluate(made)
 
     env.on_step = after_step
-    with folder, log:
+    with run, log:
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if (made := env.env_steps) < budget:
             raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
         evaluations.evaluate(budget)
-        write_results(folder, {}, account=account_of(agent))
+        log.flush()
+        write_results(run, {}, account=account_of(agent))
 
 
 class _Evaluations:
@@ -376,9 +377,9 @@ class _Evaluations:
     def _played(self, policy: Policy) -> Iterator[dict[str, Any]]:
         """Play episodes of a policy at the end of training, whose unsafe steps are counted."""
         count = self._job.protocol.final_episodes
-        for episode in play(self._agent, self._arena, policy, episodes=count, seed=_SEED):
-            *_, last = episode.steps
-            totals = episode.totals
+        for steps in play(self._agent, self._arena, policy, episodes=count, seed=_SEED):
+            *_, last = steps
+            totals = last.episode
             unsafe = totals.decisions.unsafe_executed, totals.unsafe_observed
             yield self._row(totals.return_, totals.length, totals.terminated, *unsafe, last.info)
 
@@ -458,5 +459,5 @@ def read_trial(job: Job) -> Record:
         job.trial,
         {name: column[within] for name, column in metrics.items()},
         read_evaluations(job.folder),
-        RunFolder.open(job.folder).metadata["versions"],
+        Run(job.folder).metadata["versions"],
     )

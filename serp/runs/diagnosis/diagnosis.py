@@ -22,24 +22,24 @@ from serp.runs.diagnosis.accuracy import (
 )
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.findings import Finding, Findings
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 
 
-def read_recorded(run: Path) -> RunModel:
-    """Read a run that has recorded env steps, as of its newest checkpoint.
+def read_recorded(path: Path) -> Run:
+    """Read a run that has recorded env steps, as of its checkpoint.
 
     Raises:
         RunError: The folder is not a run, it has no intact checkpoint or no env step in it, or its
             copy of the domain was changed.
         DomainError: Its copy of the domain is damaged.
     """
-    recorded = RunModel(run)
-    if not len(recorded.adaptation.experience):
+    run = Run(path)
+    if not len(run.adaptation.experience):
         raise RunError(
-            f"{run} has no env step in its last checkpoint; train it for a while: "
-            f"serp plan-and-learn --resume {run}"
+            f"{path} has no env step in its checkpoint; train it for a while: "
+            f"serp plan-and-learn --resume {path}"
         )
-    return recorded
+    return run
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Diagnosis:
         quantities: The accuracy for each symbol, the reward and the end.
     """
 
-    recorded: RunModel
+    recorded: Run
     steps: Steps
     expected: Vector
     worthwhile: Findings
@@ -134,7 +134,7 @@ def diagnose(run: str | Path) -> Diagnosis:
     return make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
 
 
-def make_diagnosis(recorded: RunModel, found: Findings) -> Diagnosis:
+def make_diagnosis(recorded: Run, found: Findings) -> Diagnosis:
     """Return the diagnosis of a run with given findings."""
     model = recorded.model
     steps = Steps.of(model, recorded.adaptation.experience)
@@ -162,9 +162,9 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "run": str(recorded.path),
         "domain": recorded.domain.name,
-        "files": recorded.files,
+        "files": recorded.metadata["domain_files"],
         "env_steps": recorded.env_steps,
-        "learned_from": recorded.learned_from,
+        "learned_from": recorded.made.learned_from,
         "steps": len(diagnosis.steps.sample),
         "left_out": dict(diagnosis.steps.sample.left_out),
         "verdict": diagnosis.verdict,

@@ -17,7 +17,7 @@ from serp.ui.root import say
 if TYPE_CHECKING:
     from serp.model.learned.adoption import WorthAdoption
     from serp.runs.diagnosis.diagnosis import Diagnosis
-    from serp.runs.run_model import RunModel
+    from serp.runs.run import Run
 
 
 @command(
@@ -44,8 +44,6 @@ def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
     from serp.runs.diagnosis import diagnosis as diagnosing
 
     diagnosis = diagnosing.diagnose(run)
-    if damage := diagnosis.recorded.checkpoint.fallback:
-        say(f"{damage} This diagnosis uses the one before.")
     if as_json:
         print_json(diagnosing.as_dict(diagnosis))
     else:
@@ -57,14 +55,14 @@ def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
 
 def _print_diagnosis(diagnosis: Diagnosis) -> None:
     recorded, sample = diagnosis.recorded, diagnosis.steps.sample
-    file = next(iter(recorded.files.values()), recorded.domain.name)
+    file = next(iter(recorded.metadata["domain_files"].values()), recorded.domain.name)
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
     show(f"{recorded.path}: {file} compared with {newest}")
     if sample.left_out:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
         skipped = plural(sum(sample.left_out.values()), "step")
         show(f"{skipped} left out because of: {reasons}")
-    if recorded.learned_from == "environment":
+    if recorded.made.learned_from == "environment":
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)
     if diagnosis.remarks:
@@ -137,11 +135,9 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
     recorded = read_recorded(run)
     if out is not None:
         _refuse_to_replace(recorded, out, force)
-    if damage := recorded.checkpoint.fallback:
-        say(f"{damage} This diagnosis uses the one before.")
     diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
     repaired = repairing.repair(recorded.domain, diagnosis.worthwhile)
-    name = recorded.files.get("domain.pddl", "domain.pddl")
+    name = recorded.metadata["domain_files"].get("domain.pddl", "domain.pddl")
     steps = plural(len(diagnosis.steps.sample), "step")
     changes = plural(len(repaired.changes), "change")
     if repaired.changes:
@@ -160,18 +156,18 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
 
 
-def _refuse_to_replace(recorded: RunModel, out: Path, force: bool) -> None:
+def _refuse_to_replace(recorded: Run, out: Path, force: bool) -> None:
     """Refuse names of the run's own copies and, without `force`, of files that exist."""
     from serp.model.domain import problem_beside
 
-    if os.path.realpath(out) in {os.path.realpath(recorded.path / n) for n in recorded.files}:
+    if os.path.realpath(out) in {os.path.realpath(copy) for copy in recorded.copies()}:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.path}")
     for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
         if os.path.lexists(file) and not force:
             raise SerpError(f"{file} exists{what}; give another name, or go on with --force")
 
 
-def _write(recorded: RunModel, text: str, out: Path) -> None:
+def _write(recorded: Run, text: str, out: Path) -> None:
     """Write the domain file and, if there is one, its problem file beside it."""
     from serp._util.files import write_together
     from serp.model.domain import problem_beside

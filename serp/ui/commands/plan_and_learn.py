@@ -47,7 +47,7 @@ if TYPE_CHECKING:
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
 @click.option("--resume", type=click.Path(path_type=Path), metavar="RUN",
               help="Continue this run.")  # fmt: skip
-@setting_option("--adapt", "adaptation.mode", metavar="off|parameters|residual|full",
+@setting_option("--adapt", "adaptation.mode", metavar="off|parameters|residual|full|rewards",
                 what="What the model learns from its errors.  "
                      "[default: by the preset]")  # fmt: skip
 @setting_option("--planner", "planner.name", metavar="NAME",

@@ -26,7 +26,7 @@ from serp.ui.output import print_json, print_table, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
-    from serp.runs.run_model import RunModel
+    from serp.runs.run import Run
     from serp.runs.step_account import StepAccount
 
 
@@ -54,31 +54,31 @@ def why(
     would have had to differ for it. Without a step, the last refused proposal that was applicable
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
-    from serp.runs.run_model import RunModel
+    from serp.runs.run import Run
     from serp.runs.step_account import account_of_step, most_telling
 
     if episode is not None and step is None:
         raise click.UsageError("give --step beside --episode")
-    read, because = RunModel(run), ""
+    read, because = Run(run), ""
     recording = read.recording(evaluation)
     if step is None:
         step, because = most_telling(recording)
     elif episode is not None:
         step = recording.find(episode, step)
-    account = account_of_step(read, recording, step, because)
+    account = account_of_step(read, recording, step)
     if as_json:
         about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
-        print_json({**about, **account.as_dict()})
+        print_json({**about, "because": because, **account.as_dict()})
     else:
-        _print_step(read, account)
+        _print_step(read, account, because)
 
 
-def _print_step(run: RunModel, account: StepAccount) -> None:
+def _print_step(run: Run, account: StepAccount, because: str) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
     from serp.ui.decision import print_explanation
 
-    because = f" ({account.because})" if account.because else ""
+    because = f" ({because})" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
     show(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
     for line in [*who_acted(account), ""]:

@@ -136,10 +136,9 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     "serp tune --domain cartpole --vary learner.learning_rate=log:1e-4..1e-2",
     "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
 )
-@click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME[=VALUES]",
+@click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME=VALUES",
               help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
-                   "(mse,huber); without any, all values of a truth value or word. May be "
-                   "repeated.")  # fmt: skip
+                   "(true,false). May be repeated.")  # fmt: skip
 @click.option("--algorithm", metavar="NAME", default="serp", show_default=True,
               help="One of serp's algorithms.")  # fmt: skip
 @click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",

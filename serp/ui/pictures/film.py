@@ -88,13 +88,14 @@ def film(
     The environment of the task, made with a render mode that gives arrays, is not used otherwise.
     """
     camera, draw = Camera(task), _FrameDrawing()
-    for episode in play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder):
-        number = f"episode {episode.number}"
+    played = play(agent, task, policy, episodes=episodes, seed=seed, recorder=recorder)
+    for episode, steps in enumerate(played, 1):
+        number = f"episode {episode}"
         marks: tuple[Mark, ...] = ()
         hold = 0.0
         for picture in camera.take()[-1:]:  # a reset is one moment
             yield draw.frame(picture, camera.period(1), Caption(None, "start", (number,)))
-        for step in episode.steps:
+        for step in steps:
             if new := marks_of(agent, step):
                 marks, hold = new, HOLD
             decision, pictures = step.decision, camera.take()

@@ -1,4 +1,4 @@
-"""The report of a run: one HTML file that needs nothing else, see docs/how-to/read-a-run.md."""
+"""The report of a run: one HTML file that needs nothing else, see docs/how-to/report.md."""
 
 from __future__ import annotations
 
@@ -24,7 +24,6 @@ from serp.runs.recording import ACTORS, Layout
 from serp.runs.results import lead, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
-from serp.runs.run_model import RunModel
 from serp.runs.summary import WINDOW, summarize
 from serp.ui.report.recorded_steps import (
     RecordedEpisode,
@@ -50,9 +49,8 @@ def write_report(
     `steps` and `pictures` are the most that the page has (fewer steps of many fluents and actions).
     An existing file is replaced.
     """
-    read = RunModel(run.path)
-    recording = read.recording(evaluation)
-    layout, sources = recording.layout, read.domain.sources
+    recording = run.recording(evaluation)
+    layout, sources = recording.layout, run.domain.sources
     numbers = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
     most = max(1, min(steps, 8_000_000 // numbers))
     shown = recorded_steps(recording, most)
@@ -61,8 +59,8 @@ def write_report(
         scenes = drawn_scenes(run, shown, seed_of, most=pictures, on_picture=advance)
     actions = [visible(name) for name in layout.actions]
     with bar("explaining", max(1, len(shown))) as advance:
-        accounts = StepAccounts(read.adapted or read.model, shown, actions, advance)
-    errors = model_errors(read.model, shown, recording.usual_change)
+        accounts = StepAccounts(run.adapted or run.model, shown, actions, advance)
+    errors = model_errors(run.model, shown, recording.usual_change)
     cards = accounts.prevented(sources)
     card = np.zeros(len(shown), np.uint16)
     for number, each in enumerate(cards, 1):
@@ -95,7 +93,7 @@ def write_report(
         "actors": actors,
         "actions": actions,
         "fluents": [{"name": visible(each.name), "numeric": each.numeric}
-                    for each in read.model.fluents],
+                    for each in run.model.fluents],
         "largeError": errors.limit,
         "episodes": [_episode(each, scenes) for each in shown.episodes],
         "causes": [shown_cause(cause, sources) for cause in accounts.causes],
@@ -104,7 +102,7 @@ def write_report(
     scripts = ("data", "charts", "scene", "tables", "strip", "replay", "main")
     style = page_colours() + _text("style.css")
     script = "".join(_text(f"{name}.js") for name in scripts)
-    summary, made = summarize(run.metrics, run.config), read.folder.metadata
+    summary, made = summarize(run.metrics, run.config), run.metadata
     page = render(
         "serp.ui.report",
         "page.html.j2",

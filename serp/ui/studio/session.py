@@ -12,8 +12,8 @@ from serp.authoring.lint.domain_pairs import title_of
 from serp.errors import SerpError
 from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Source
-from serp.runs.folder import CONFIG, RunFolder
-from serp.runs.run import read_run_metadata
+from serp.runs.run import Run
+from serp.runs.run_config import CONFIG
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_like
 from serp.tasks.task import Task
@@ -137,8 +137,9 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
     """
     title, task, surroundings = None, own, Surroundings(planner=Settings().planner)
     if (Path(name) / CONFIG).is_file():
-        run = RunFolder.open(Path(name))
-        made, (file, problem) = read_run_metadata(run), run.copies()
+        run = Run(Path(name))
+        made, (file, *others) = run.made, run.copies()
+        problem = others[0] if others else None
         title = f"{Domain.parse(Source.read(file)).name}.pddl"
         seen, period, planner = made.observed, made.control_period, made.settings.planner
         surroundings = Surroundings(period, planner, seen is not None, frozenset(seen or ()))

@@ -9,23 +9,24 @@ import pytest
 
 from serp._util.files import aside_of, write_durably, write_together
 from serp.errors import RunError
-from serp.runs.checkpoint import NEWEST, PREVIOUS, load_newest
-from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY, RunFolder
-from serp.runs.tables import DECISIONS_COLUMNS, read_metrics
+from serp.runs.checkpoint import CHECKPOINT, save
+from serp.runs.folder import DECISIONS, LOCK, METRICS, SUMMARY
+from serp.runs.run import Run
+from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, Table, read_metrics
+from tests.serp.runs.test_folder import create
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
 READ = [
     "config.json",
     "domain.pddl",
-    "domain-problem.pddl",
     METRICS,
     DECISIONS,
-    NEWEST,
-    PREVIOUS,
+    CHECKPOINT,
     LOCK,
 ]
-WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside"]
+WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{CHECKPOINT}.aside"]
+TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 KINDS = {
     "link": lambda path, target: path.symlink_to(target),
     "relative link": lambda path, target: path.symlink_to(f"../{target.name}"),
@@ -40,14 +41,13 @@ KINDS = {
 
 def use(path):
     """Everything that is done with a run."""
-    with RunFolder.open(path, writing=True) as run:
-        run.copies()[0].read_text()
-        run.resume()
-        load_newest(path)
-        run.decisions.append((0,) * len(DECISIONS_COLUMNS))
-        run.save_checkpoint({"x": np.arange(3)}, {})
-        run.write(SUMMARY, '{"episodes": 1}')
-        run.read_summary()
+    with Run(path).lock() as run:
+        _ = run.model
+        for name, columns in TABLES.items():
+            Table(path / name, columns).close()
+        save(path / CHECKPOINT, {"x": np.arange(3)}, {})
+        write_durably(path / SUMMARY, '{"episodes": 1}')
+        _ = run.summary
         read_metrics(path / METRICS)
 
 
@@ -56,18 +56,17 @@ def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
     secret = tmp_path / "secret"
     for name in [*READ, *WRITTEN]:
         path = tmp_path / f"run-{name}"
-        with RunFolder.create(path, {"seed": 1}, [("d.pddl", "(define (domain d))")]) as run:
-            run.save_checkpoint({}, {})
-            run.save_checkpoint({}, {})
+        with create(path) as run:
+            save(path / CHECKPOINT, {}, {"made_of": run.digests()})
+        for table, columns in TABLES.items():
+            Table(path / table, columns).close()
         original = path / name
         content = original.read_bytes() if original.exists() else b"{}"
         original.unlink(missing_ok=True)
         secret.write_bytes(content)
         KINDS[kind](original, secret)
-        if name == PREVIOUS:
-            (path / NEWEST).unlink()
         # What is only read may have another name; what is written aside replaces what was there.
-        harmless = name in WRITTEN and (kind != "folder" or name == f"{PREVIOUS}.aside")
+        harmless = name in WRITTEN and kind != "folder"
         harmless |= kind == "hard link" and name not in (METRICS, DECISIONS, LOCK)
         expected = contextlib.nullcontext() if harmless else pytest.raises(RunError, match=name)
         with expected:

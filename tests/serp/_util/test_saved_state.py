@@ -51,7 +51,7 @@ def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value):
             and all(type(v) is int and 0 <= v <= MOST for v in value)),
         (lambda s: s.truths("v", 1), isinstance(value, list) and len(value) == 1
             and type(value[0]) is bool),
-        (lambda s: s.reals("v", 1, least=0), isinstance(value, list) and len(value) < 2
+        (lambda s: s.reals("v", 1), isinstance(value, list) and len(value) == 1
             and all(type(v) in (int, float) and abs(v) <= 1.7976931348623157e308 for v in value)),
     ):  # fmt: skip
         without_v = None if isinstance(value, dict) and "v" in value else value

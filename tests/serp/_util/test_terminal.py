@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from serp._util.terminal import open_console, visible
 from serp.runs.comparison.pool import progress
 from serp.runs.progress import Progress
-from serp.runs.trainer import Budget
+from serp.runs.run_config import Budget
 from serp.ui.output import print_table
 from serp.ui.root import say
 from tests.serp.runs.test_progress import Terminal

@@ -155,5 +155,5 @@ def train(task, steps, seed, changes):
     trainer = Trainer(task, resolve("default", task.task.settings, changes), seed)
     counts = watched(trainer)
     while trainer.env_steps < steps:
-        trainer.run_episode()
+        next(trainer.run())
     return counts

@@ -22,7 +22,7 @@ def trained(folder, episodes=6):
     task = corridor(folder)
     trainer = Trainer(task.bind(), resolve("default", task.settings), 4)
     for _ in range(episodes):
-        trainer.run_episode()
+        next(trainer.run())
     return trainer
 
 
@@ -55,7 +55,7 @@ def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path
     task = corridor(tmp_path, Noting)
     trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
     for _ in range(5):
-        trainer.run_episode()
+        next(trainer.run())
     evaluate(trainer.agent, task.bind(), episodes=5, seed=0)  # the seed of the training
     assert len(set(seeds)) == 10
     assert None not in seeds

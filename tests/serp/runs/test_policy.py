@@ -1,6 +1,5 @@
 """An exported policy decides as the run does; damaged folders are refused."""
 
-import hashlib
 import json
 import runpy
 import shutil
@@ -19,8 +18,10 @@ from hypothesis import strategies as st
 import serp
 from serp.errors import RunError
 from serp.runs import checkpoint
+from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.evaluation import play
-from serp.runs.policy import AGENT, DOMAIN, MANIFEST
+from serp.runs.run import Run
+from serp.runs.run_config import CONFIG
 from tests.serp.runs.runs import without_pictures
 
 STEPS = {"cartpole": 400, "soccer": 300, "taxi": 300, "tea": 200}
@@ -50,10 +51,15 @@ def cartpole(cartpole_run, tmp_path_factory):
 def test_what_a_run_plays_is_decided_alike(run, tmp_path):
     policy = serp.Policy(serp.export_policy(run, tmp_path / "policy"))
     with run.environment() as task:
-        for step in next(play(run.agent, task, episodes=1, seed=3)).steps:
+        for step in next(play(run.agent, task, episodes=1, seed=3)):
             decision = policy.decide(task.observation(step.observation), state=step.state)
             assert decision.action == step.decision.action
             assert decision.reason == step.decision.reason
+
+
+def test_an_exported_policy_is_evaluated_as_the_run_is(cartpole_run, cartpole):
+    exported = serp.load_run(cartpole)
+    assert exported.evaluate(episodes=3).returns == cartpole_run.evaluate(episodes=3).returns
 
 
 def test_equal_runs_are_exported_to_equal_folders(run, tmp_path):
@@ -82,32 +88,38 @@ def test_a_grounding_is_checked_by_recorded_pairs(cartpole):
         policy.decide([0.0], state=[0.0])
 
 
-def changed_manifest(folder, **changes):
-    manifest = json.loads((folder / MANIFEST).read_text())
-    (folder / MANIFEST).write_text(json.dumps(manifest | changes))
-
-
 @pytest.mark.parametrize(
     "changes",
-    [{"format": 1}, {"files": {}}, {"actions": []}, {"fluents": []}, {"control_period": "x"},
-     {"ground_actions": [[5], [1]]}, {"settings": {"planner": {"depth": -1}}}],
+    [{"actions": []}, {"observation": []}, {"ground_actions": [[5], [1]]}, {"ground_actions": {}}],
     ids=str,
-)  # fmt: skip
-def test_a_wrong_manifest_is_refused(changes, cartpole, tmp_path):
+)
+def test_a_wrong_configuration_with_a_right_digest_is_refused(changes, cartpole, tmp_path):
     folder = shutil.copytree(cartpole, tmp_path / "policy")
-    changed_manifest(folder, **changes)
+    whole = json.loads((folder / CONFIG).read_text())
+    whole["config"]["policy"] |= changes
+    (folder / CONFIG).write_text(json.dumps(whole))
+    with pytest.raises(RunError, match=r"config\.json of the run was changed"):
+        serp.Policy(folder)
+    arrays, meta = checkpoint.load(folder / CHECKPOINT)
+    meta["made_of"] = Run(folder).digests()
+    checkpoint.save(folder / CHECKPOINT, arrays, meta)
     with pytest.raises(RunError):
         serp.Policy(folder)
 
 
-@pytest.mark.parametrize("name", [AGENT, DOMAIN])
+def test_a_run_that_was_not_exported_is_refused(cartpole_run):
+    with pytest.raises(RunError, match="is not what `serp export` wrote"):
+        serp.Policy(cartpole_run.path)
+
+
+@pytest.mark.parametrize("name", [CHECKPOINT, "domain.pddl"])
 def test_a_changed_file_is_refused(name, cartpole, tmp_path):
     folder = shutil.copytree(cartpole, tmp_path / "policy")
     (folder / name).write_bytes((folder / name).read_bytes()[:-1])
-    with pytest.raises(RunError, match="was changed since it was exported"):
+    with pytest.raises(RunError, match="is damaged|was changed since"):
         serp.Policy(folder)
     (folder / name).unlink()
-    with pytest.raises(RunError, match="cannot read"):
+    with pytest.raises(RunError, match="cannot read|there is no"):
         serp.Policy(folder)
 
 
@@ -116,16 +128,13 @@ def test_a_changed_file_is_refused(name, cartpole, tmp_path):
 def test_forged_arrays_are_refused(cartpole, tmp_path_factory, data):
     """Any array that is missing or has another shape is refused by name, with a right digest."""
     folder = shutil.copytree(cartpole, tmp_path_factory.mktemp("forged") / "policy")
-    arrays, meta = checkpoint.load(folder / AGENT)
+    arrays, meta = checkpoint.load(folder / CHECKPOINT)
     name = data.draw(st.sampled_from(sorted(arrays)))
     if data.draw(st.booleans()):
         del arrays[name]
     else:
         arrays[name] = np.zeros((*arrays[name].shape, 2), arrays[name].dtype)
-    checkpoint.save(folder / AGENT, arrays, meta)
-    files = json.loads((folder / MANIFEST).read_text())["files"]
-    digest = hashlib.sha256((folder / AGENT).read_bytes()).hexdigest()
-    changed_manifest(folder, files=files | {AGENT: digest})
+    checkpoint.save(folder / CHECKPOINT, arrays, meta)
     with pytest.raises(RunError):
         serp.Policy(folder)
 
@@ -158,7 +167,7 @@ def test_the_ros_2_node_publishes_the_action_of_the_run_and_its_reason(
     node = runpy.run_path(str(EXAMPLES / "ros2" / "policy_node.py"))["PolicyNode"]()
     assert "agrees with" in logger.info.call_args.args[0]
     with cartpole_run.environment() as task:
-        for step in next(play(cartpole_run.agent, task, episodes=1, seed=3)).steps:
+        for step in next(play(cartpole_run.agent, task, episodes=1, seed=3)):
             node.act(SimpleNamespace(data=list(step.observation)))
             decision = step.decision
             reason = f"{task.actions.name(decision.action)}, {decision.executed_by}: "

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from serp.runs.progress import Progress
-from serp.runs.trainer import Budget
+from serp.runs.run_config import Budget
 
 
 class Terminal(io.StringIO):

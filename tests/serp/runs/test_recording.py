@@ -46,7 +46,7 @@ def steps(tmp_path_factory):
         trainer.on_step = lambda step: episodes[-1].append(step)
         for _ in range(8):
             episodes.append([])
-            trainer.run_episode()
+            next(trainer.run())
     pairs = zip(episodes[::2], episodes[1::2], strict=True)
     made = [
         (2 * k + number, step)

@@ -1,6 +1,5 @@
 """Whatever stops a run, continuing it gives what an undisturbed one gives."""
 
-import contextlib
 import errno
 import os
 import re
@@ -13,12 +12,11 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.errors import EnvironmentFailure, Notice, RunError, TaskError
-from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS
+from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.recording import Recorder
-from serp.runs.run import load_run
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import EPISODES, everything, half, resume, train
+from tests.serp.runs.runs import EPISODES, everything, resume, train
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
 
@@ -93,13 +91,6 @@ def kill(folder, out):
     assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
 
 
-def damaged_checkpoint(folder, out):
-    assert train(corridor(folder), out, episodes=7).notice is None
-    half(out / NEWEST)
-    notice = load_run(out, corridor(folder)).notice
-    assert notice is not None and notice.endswith("The agent is from the previous checkpoint.")
-
-
 def twice(preset):
     def stop(folder, out):
         first, second = sorted(Random(preset).sample(range(1, EPISODES), 2))
@@ -125,7 +116,6 @@ def another_task(folder, out):
         (twice("paper"), "paper"),
         (failing_grounding, "default"),
         (kill, "default"),
-        (damaged_checkpoint, "default"),
         (another_task, "default"),
     ],
 )
@@ -133,22 +123,18 @@ def test_a_run_that_was_stopped_continues_as_if_it_had_not(tmp_path, stop, prese
     out = tmp_path / "my run"
     stop(tmp_path, out)
     (tmp_path / "corridor.pddl").write_text("(define (domain corridor) (oops")
-    damaged = stop is damaged_checkpoint
-    said = pytest.warns(Notice, match="is damaged: .* goes on from the previous checkpoint, after ")
-    with said if damaged else contextlib.nullcontext():
-        resume(corridor(tmp_path), out, episodes=EPISODES)
+    resume(corridor(tmp_path), out, episodes=EPISODES)
     assert everything(out) == whole(preset)
-    assert (out / DAMAGED).exists() == damaged
 
 
-def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoints(tmp_path):
+def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoint(tmp_path):
     """The budget in env steps ends with the episode that reaches it."""
     out = tmp_path / "run"
     steps = train(corridor(tmp_path), out, env_steps=np.int64(30)).metrics["env_steps"]
     assert steps[-1] >= 30 > steps[-2]
-    kept = [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)]
+    kept = (out / CHECKPOINT).read_bytes()
     assert (resume(corridor(tmp_path), out).metrics["env_steps"] == steps).all()
-    assert [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)] == kept
+    assert (out / CHECKPOINT).read_bytes() == kept
 
 
 def test_environment_and_events_are_closed_however_a_training_ends(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ import pytest
 
 from serp.agent.decision import Reason
 from serp.errors import RunError
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 from serp.runs.step_account import (
     account_of_step,
     most_telling,
@@ -23,7 +23,7 @@ MOVES = {"left": -1.0, "right": 1.0, "wait": 0.0}
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("review")
     train(corridor(folder), folder / "run", "paper", episodes=12)
-    return RunModel(folder / "run")
+    return Run(folder / "run")
 
 
 def test_the_account_has_what_was_decided_and_logged(run, monkeypatch):

@@ -13,7 +13,6 @@ from serp.errors import RunError
 from serp.runs.tables import (
     METRICS_COLUMNS,
     MetricsRow,
-    Position,
     Table,
     read_metrics,
 )
@@ -30,8 +29,8 @@ def cells(path):
         return list(csv.reader(file))[1:]
 
 
-def write(path, rows, columns=COLUMNS):
-    with Table(path, columns) as table:
+def write(path, rows, columns=COLUMNS, kept=0):
+    with Table(path, columns, kept) as table:
         for row in rows:
             table.append(row)
 
@@ -92,20 +91,26 @@ def test_write_that_fails_half_way_leaves_whole_rows_and_can_be_done_again(tmp_p
 
 def test_a_table_that_was_changed_since_is_refused(tmp_path):
     path = tmp_path / "t"
-    write(path, [(step, "x" * 90, None) for step in range(1000)])
-    with Table(path, COLUMNS) as table:
-        position = table.position()
-        for other in (0, 3, 10**6):
-            with pytest.raises(RunError, match="the table was truncated or changed"):
-                table.truncate(Position(other, 0))
-    content = path.read_bytes()
-    for place in (20, 70_000, position.bytes - 3):
-        path.write_bytes(content[:place] + b"7" + content[place + 1 :])
-        with (
-            Table(path, COLUMNS) as table,
-            pytest.raises(RunError, match="were changed after the checkpoint"),
-        ):
-            table.truncate(position)
+    write(path, [(step, "x", None) for step in range(3)])
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        with pytest.raises(RunError, match="has not the 3 rows that the run had written"):
+            write(path, [], kept=3)
+        assert path.read_bytes() == whole[:length]
+    path.write_bytes(whole)
+    with pytest.raises(RunError, match=r"t:1: has other columns than this serp writes \(a, d\)"):
+        write(path, [], columns=("a", "d"))
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("kept", range(4))
+def test_rows_are_kept_and_what_was_written_after_them_is_removed(tmp_path, kept):
+    path = tmp_path / "t"
+    write(path, [(step, "x", None) for step in range(3)])
+    path.write_bytes(path.read_bytes() + b"3,x")  # half a row, of a process that was killed
+    write(path, [("new", "", None)], kept=kept)
+    assert [row[0] for row in cells(path)] == [*map(str, range(kept)), "new"]
 
 
 # Reading -----------------------------------------------------------------------------------------

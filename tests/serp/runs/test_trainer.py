@@ -39,7 +39,7 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path):
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
     recorder = Recorder(trainer)
-    rows = [trainer.run_episode() for _ in range(40)]
+    rows = [next(trainer.run()) for _ in range(40)]
     ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
     assert len(ends) == len(rows)
     for row, seen in zip(rows, ends, strict=True):
@@ -56,7 +56,7 @@ def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path):
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
     recorder = Recorder(trainer)
-    rows = [trainer.run_episode() for _ in range(15)]
+    rows = [next(trainer.run()) for _ in range(15)]
     for _, action, reward, following, *_ in recorder.seen:
         x = following[0]
         step = -0.1 if action < 3 else 0.0  # the domain does not mention the fourth action
@@ -80,7 +80,7 @@ class Gusty(Corridor):
 def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(tmp_path):
     task = corridor(tmp_path, Gusty)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
-    rows = [trainer.run_episode() for _ in range(10)]
+    rows = [next(trainer.run()) for _ in range(10)]
     assert {(row.length, row.unsafe_observed) for row in rows} >= {(4, 2)}
     assert all(row.unsafe_observed == (row.length > 1) + (row.length == 4) for row in rows)
     assert sum(row.unsafe_executed for row in rows) == 0  # no prediction says so
@@ -94,13 +94,13 @@ def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path):
     learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
     while trainer.env_steps < 25:
         assert learner.updates == 0
-        row = trainer.run_episode()
+        row = next(trainer.run())
         assert row.learner_steps == 0
         assert row.planner_steps == row.vetoes == row.length - row.exploration_steps
         assert row.unsafe_executed == 0
         assert arbiter.rho == 0.0
     assert learner.updates == trainer.settings.training.random_steps
-    row = trainer.run_episode()
+    row = next(trainer.run())
     assert row.planner_steps == row.length  # rho is 0
     assert arbiter.rho == 0.05
     assert learner.updates == trainer.settings.training.random_steps + row.length
@@ -120,7 +120,7 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path):
     settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
     trainer = Trainer(task.bind(), settings, 0)
     recorder = Recorder(trainer)
-    rows = [trainer.run_episode() for _ in range(2)]
+    rows = [next(trainer.run()) for _ in range(2)]
     assert [(row.length, row.terminated, row.truncated) for row in rows] == [(17, False, True)] * 2
     assert [seen[5] for seen in recorder.seen] == ([False] * 16 + [True]) * 2
     assert not any(seen[4] for seen in recorder.seen)
@@ -131,7 +131,7 @@ def test_rho_of_a_mixture_grows_with_every_episode(tmp_path):
     changes = {"arbiter": {"rho_increment": 0.1}, "guide": {"strategy": "mixture"}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
     for grown in range(1, 12):
-        assert trainer.run_episode().rho == pytest.approx(min(1.0, 0.1 * grown))
+        assert next(trainer.run()).rho == pytest.approx(min(1.0, 0.1 * grown))
 
 
 def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):

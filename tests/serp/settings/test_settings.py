@@ -69,7 +69,7 @@ def test_what_does_not_exist_or_fit_is_refused_by_name(changes, said):
         with pytest.raises(SettingsError, match=said):
             resolve("default", of_task, of_user)
     with pytest.raises(SettingsError, match=said):
-        Settings.from_dict(changes)
+        Settings().replace(changes)
 
 
 def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place():
@@ -93,7 +93,7 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
 def test_any_settings_are_read_back_equal(preset, changes):
     settings = resolve(preset, None, changes)
     text = json.dumps(settings.as_dict(), allow_nan=False)
-    assert Settings.from_dict(json.loads(text)) == settings
+    assert Settings().replace(json.loads(text)) == settings
     assert settings.replace({}) == settings == settings.replace({"planner": {}})
 
 

@@ -231,7 +231,7 @@ def test_a_grounding_of_info_or_of_the_environment_trains_as_one_of_the_observat
     ):
         task = located(tmp_path, ground)
         trainer = Trainer(task.bind(), resolve("default", task.settings), 3)
-        rows = [trainer.run_episode() for _ in range(4)]
+        rows = [next(trainer.run()) for _ in range(4)]
         weights.append((trainer.agent.learner.state_dict()[0], [row.return_ for row in rows]))
     (expected, returns), *others = weights
     for arrays, others_returns in others:
@@ -322,7 +322,7 @@ def test_the_experts_reward_is_remembered_where_it_is_learned_from(tmp_path, dec
     task = task_with_bonus(tmp_path, declared)
     asked = {"training": {"reward": learned}, "learner": {"n_step": 1}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, asked), 3)
-    rows = [trainer.run_episode() for _ in range(3)]
+    rows = [next(trainer.run()) for _ in range(3)]
     arrays, _ = trainer.agent.learner.replay.state_dict()
     remembered = arrays["reward"]
     assert len(remembered) == trainer.env_steps

@@ -69,7 +69,7 @@ def observe(of, steps):
 
 
 @pytest.mark.parametrize("text", [PLANE, ICE, FLEET, GRID], ids=["plane", "ice", "fleet", "grid"])
-@pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full"])
+@pytest.mark.parametrize("mode", ["off", "parameters", "residual", "full", "rewards"])
 def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path, text, mode):
     def new():
         return adaptation(text, mode, seed=5)

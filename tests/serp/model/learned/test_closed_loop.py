@@ -21,7 +21,7 @@ def returns(variant, seed, episodes):
     settings = find_algorithm("mrp").changed("mrp", changes).settings(task, {})
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)
-        return [int(trainer.run_episode().return_) for _ in range(episodes)]
+        return [int(next(trainer.run()).return_) for _ in range(episodes)]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -40,8 +40,8 @@ def test_after_the_force_is_reversed_in_mid_run_it_stands_again_within_two_episo
     settings = resolve("default", task.settings, find_algorithm("mrp").changes)
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)
-        assert [trainer.run_episode().return_ for _ in range(3)] == [500] * 3
+        assert [next(trainer.run()).return_ for _ in range(3)] == [500] * 3
         cart = bound.env.unwrapped
         cart.force_mag = -cart.force_mag
-        returns = [trainer.run_episode().return_ for _ in range(4)]
+        returns = [next(trainer.run()).return_ for _ in range(4)]
     assert returns[0] < 100 and returns[2:] == [500, 500]

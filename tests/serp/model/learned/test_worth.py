@@ -51,7 +51,7 @@ def taught(of, steps, *, right=False):
 
 
 def test_reward_and_end_are_those_that_came():
-    of = adaptation(TRACK, dt=1.0, rewards=True)
+    of = adaptation(TRACK, dt=1.0, mode="rewards")
     errors = taught(of, 2_000)
     assert (errors[:, 1].mean(axis=0) <= errors[:, 0].mean(axis=0)).all()
     file, model = errors[-500:].mean(axis=0)
@@ -71,13 +71,13 @@ def test_reward_and_end_are_those_that_came():
 
 
 def test_where_the_file_is_right_it_predicts_alone_to_the_bit():
-    of = adaptation(TRACK, dt=1.0, rewards=True)
+    of = adaptation(TRACK, dt=1.0, mode="rewards")
     assert (taught(of, 600, right=True) == 0.0).all()
     assert of.model.as_written and not any(each.corrected for each in of.adoption.worth)
 
 
 def test_what_the_file_flags_and_what_is_far_from_the_data_stay_as_they_are():
-    of = adaptation(TRACK, dt=1.0, rewards=True)
+    of = adaptation(TRACK, dt=1.0, mode="rewards")
     taught(of, 2_000)
     written = of.model.written.core
     for x, action in ((1.5, JUMP), (9.0, GO), (-3.0, GO)):
@@ -102,7 +102,7 @@ def test_rewards_that_are_hints_are_kept_and_so_are_the_ends_that_they_come_with
 
 
 def test_a_lookahead_goes_on_where_an_end_is_doubtful():
-    of = adaptation(TRACK, dt=1.0, rewards=True)
+    of = adaptation(TRACK, dt=1.0, mode="rewards")
     taught(of, 2_000)
     settings = PlannerSettings(depth=2, discount=0.5)
     state = np.array([1.5])
@@ -116,7 +116,7 @@ def test_a_lookahead_goes_on_where_an_end_is_doubtful():
 
 def test_counted_outcomes_share_the_chance_of_an_end():
     """A fall that the file foresees is certain less often, and the rest ends by chance."""
-    of = adaptation(GRID, dt=1.0, rewards=True)
+    of = adaptation(GRID, dt=1.0, mode="rewards")
     model = adapted(of)
     rng = np.random.default_rng(0)
     for k in range(300):  # `right` slips down the grid in a third of all steps

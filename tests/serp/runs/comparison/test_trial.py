@@ -154,7 +154,7 @@ def test_an_external_one_meets_what_our_learner_meets(tmp_path, reward):
     with task.bind() as bound, Trainer(bound, settings, 5, baseline=True) as trainer:
         trainer.on_step = ours.append
         while trainer.env_steps < 150:
-            trainer.run_episode()
+            next(trainer.run())
     theirs = []
     with task.bind() as bound:
         env = ExternalEnv(bound, Agent(bound, settings, 5), 5, theirs.append)

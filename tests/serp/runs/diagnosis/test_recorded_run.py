@@ -1,11 +1,13 @@
-import shutil
-from pathlib import Path
+import dataclasses
 
 import numpy as np
 import pytest
 
 import serp
+from serp.errors import TaskError
 from serp.runs.diagnosis.diagnosis import read_recorded
+from serp.runs.run import load_run
+from serp.tasks.registry import load_task
 from tests.serp.runs.runs import without_pictures
 
 QUICK = {
@@ -14,23 +16,13 @@ QUICK = {
 }
 
 
-@pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    out = tmp_path_factory.mktemp("runs") / "made"
+def test_a_run_of_a_task_that_is_not_installed_can_be_read(tmp_path):
+    juggling = dataclasses.replace(load_task("cartpole"), name="juggling")
     with without_pictures():
-        serp.plan_and_learn("cartpole", settings=QUICK, env_steps=120, out=out, quiet=True)
-    return out
-
-
-@pytest.fixture
-def copy(made, tmp_path):
-    return Path(shutil.copytree(made, tmp_path / "copy"))
-
-
-def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy):
-    config = copy / "config.json"
-    config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
-    recorded = read_recorded(copy)
+        serp.plan_and_learn(juggling, settings=QUICK, env_steps=120, out=tmp_path, quiet=True)
+    with pytest.raises(TaskError, match="there is no task `juggling`"):
+        load_run(tmp_path)
+    recorded = read_recorded(tmp_path)
     seen = recorded.adaptation.experience
     assert recorded.env_steps == len(seen) >= 120
     goes_on = ~seen.over[:-1]

@@ -10,7 +10,7 @@ from serp.errors import Notice
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.runs.evaluation import evaluate
 from serp.runs.recording import COLUMNS, open_recording
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 from serp.runs.step_account import account_of_step
 from tests.serp.runs.runs import rows, without_pictures
 from tests.serp.sample_tasks import corridor
@@ -68,7 +68,7 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path):
         open_recording(tmp_path / where).columns(*names) for where in ("inside", "outside")
     )
     assert all(ours[name].tobytes() == theirs[name].tobytes() for name in names)
-    read = RunModel(tmp_path / "outside")  # it has no checkpoint
+    read = Run(tmp_path / "outside")  # it has no checkpoint
     assert account_of_step(read, read.recording(), 3).predictions
     assert (tmp_path / "outside" / "summary.json").exists()
     assert same(env._agent.adaptation.state_dict(), run.agent.adaptation.state_dict())

@@ -94,7 +94,9 @@ def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path):
     assert more.metrics["episode"][-1] == 3
     config = out / "config.json"
     config.write_text(config.read_text().replace('"slip": 0.25', '"slip": 1.25'))
-    with pytest.raises(serp.RunError, match=r"config.json was changed.*slip must be less than 1"):
+    with pytest.raises(
+        serp.RunError, match=r"config.json was not written.*slip must be less than 1"
+    ):
         serp.load_run(out)
 
 

@@ -44,8 +44,8 @@ COMMANDS = {
     "compare": "compare --domain cartpole --algorithms serp,dqn --env-steps 60 --seeds 1 --jobs 1 "
     "--evaluation-episodes 1 --final-episodes 1 --out 'a comparison' "
     "--set planner.depth=2 --set arbiter.rho=1 --set arbiter.veto_horizon=step",
-    "tune": "tune --domain cartpole --algorithm dqn --vary learner.layer_norm --env-steps 60 "
-    "--trials 1 --seeds 1 --jobs 1 --out study",
+    "tune": "tune --domain cartpole --algorithm dqn --vary learner.layer_norm=true,false "
+    "--env-steps 60 --trials 1 --seeds 1 --jobs 1 --out study",
     "plan-and-learn": " ".join(
         ["plan-and-learn --domain cartpole --episodes 2 --out 'a run'", *QUICK]
     ),

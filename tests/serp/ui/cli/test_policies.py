@@ -31,6 +31,6 @@ def test_json_is_what_the_evaluation_gives(policy, run, trained):
 def test_a_policy_is_exported_once(run, trained, folder):
     done = run("export", str(trained), "-o", "policy")
     assert "policy holds the policy" in done.stderr
-    assert serp.Policy(folder / "policy").manifest["policy"].startswith("the learner's choice")
+    assert serp.Policy(folder / "policy").about["choice"].startswith("the learner's choice")
     again = run("export", str(trained), "-o", "policy", expect=1)
-    assert "exists and is not empty" in again.stderr
+    assert "already holds a run" in again.stderr

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from serp.runs.run_model import RunModel
+from serp.runs.run import Run
 from serp.runs.tables import read_metrics
 from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK, train
@@ -55,7 +55,7 @@ def data_of(page):
 
 def test_the_page_has_what_was_recorded(trained, page):
     meta, arrays = data_of(page)
-    recording = RunModel(trained).recording()
+    recording = Run(trained).recording()
     columns = recording.columns("state", "action", "value", "flags", "reward")
     count, fluents = columns["state"].shape
     assert meta["steps"] == count

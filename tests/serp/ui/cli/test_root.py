@@ -78,7 +78,7 @@ def test_a_file_without_a_task_is_checked_without_what_tasks_need(walk):
 
 def test_looking_at_tasks_and_runs_imports_no_library_for_learning_or_drawing(trained):
     loaded = loaded_by("list", "check cartpole", "plan --domain cartpole", f"why {trained}")
-    assert {"gymnasium", "serp.runs.run_model"} <= loaded
+    assert {"gymnasium", "serp.runs.run"} <= loaded
     assert NEVER.isdisjoint(loaded)
 
 

@@ -20,7 +20,7 @@ def agent(tmp_path):
 
 def steps(agent, folder, policy="serp"):
     played = play(agent, bound(folder), policy, episodes=3)
-    return [step for episode in played for step in episode.steps]
+    return [step for episode in played for step in episode]
 
 
 def test_every_veto_is_shown_until_it_can_be_read(agent, tmp_path):
@@ -50,7 +50,7 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
     shown = [frame.caption for frame in frames if frame.caption.actor is not None]
     assert len(frames) == len(shown) + 4  # each episode's beginning
     played = [step for episode in play(agent, bound(tmp_path), policy, episodes=4, seed=3)
-              for step in episode.steps]  # fmt: skip
+              for step in episode]  # fmt: skip
     assert [(caption.actor, caption.action) for caption in shown] == [
         (step.decision.executed_by, agent.task.actions.name(step.decision.action))
         for step in played
