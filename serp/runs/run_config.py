@@ -23,7 +23,7 @@ from serp.tasks.file_world import WorldOptions
 if TYPE_CHECKING:
     from serp.runs.trainer import Trainer
 
-FORMAT: Final = 5
+FORMAT: Final = 6
 """Raised where a run of before cannot be read any more."""
 CONFIG: Final = "config.json"
 

@@ -30,7 +30,7 @@ def create(path):
 def about(**other):
     """A ``config.json`` in which one thing is another."""
     whole = {
-        "format": 5, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
+        "format": 6, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
         "domain_files": {"domain.pddl": "d.pddl"}, "versions": {}, "machine": {},
         "config": CONFIG.model_dump(mode="json"),
     }  # fmt: skip
@@ -81,7 +81,7 @@ def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, na
         ("[]", "not a JSON object"),
         ('{"config": {}}', r"another version of serp \(unknown\): it has format None"),
         (about(format=99, versions={"serp": "9.1.0"}), r"another version of serp \(9\.1\.0\)"),
-        ('{"format": 5, "config": {}}', "was not written by serp"),
+        ('{"format": 6, "config": {}}', "was not written by serp"),
         (about(command=["serp", 3]), r"damaged: command\.1: Input should be a valid string"),
         (about(config=about()), r"damaged: config: Input should be"),
     ],
