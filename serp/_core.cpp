@@ -13,7 +13,6 @@ void bind_closed_graph(Module&);
 void bind_cell_graph(Module&);
 void bind_goal_search(Module&);
 void bind_network(Module&);
-void bind_replay(Module&);
 void bind_q_learning(Module&);
 
 }  // namespace serp
@@ -30,6 +29,5 @@ NB_MODULE(_core, module) {
     serp::bind_cell_graph(module);
     serp::bind_goal_search(module);
     serp::bind_network(module);
-    serp::bind_replay(module);
     serp::bind_q_learning(module);
 }

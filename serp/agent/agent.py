@@ -15,7 +15,7 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import LearnerProposer, Mask, StatefulPlanner, undisturbed
+from serp.agent.protocols import LearnerProposer, StatefulPlanner, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
@@ -254,17 +254,12 @@ class Agent:
         self.adaptation.experience.cut_off()
         self._waiting.clear()
 
-    def remember(self, step: StepRecord, following: Decision | None) -> None:
-        """Store an env step to be learned from; `following`, if any, is the next decision."""
+    def remember(self, step: StepRecord) -> None:
+        """Store an env step to be learned from."""
         decision = step.decision
-        allowed: Mask | None = None
-        if following is not None:
-            allowed = following.admissible
-        elif not step.terminated:
-            allowed = self.arbiter.admissible(step.next_state)
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
-            allowed, self.strategy.imitated(decision.forecast),
+            self.strategy.imitated(decision.forecast),
         )  # fmt: skip
 
     def learn(self) -> float | None:

@@ -10,7 +10,7 @@ from typing import ClassVar
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.explanation import Alternative, explain
-from serp.agent.protocols import Mask, Planner, Proposer
+from serp.agent.protocols import Planner, Proposer
 from serp.agent.sentences import why_refused
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import VetoPolicy
@@ -87,10 +87,6 @@ class Arbiter(Declared):
             context: AbstractContextManager[None] = self.planner.prefetch(states)
             return context
         return nullcontext()
-
-    def admissible(self, state: Vector) -> Mask:
-        """Return `[E]` what no veto refuses in a state `[F]`."""
-        return self._situation(state).admissible
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""

@@ -117,14 +117,12 @@ class Learner(Protocol):
         next_observation: Vector,
         terminated: bool,
         truncated: bool,
-        next_allowed: Mask | None = None,
         imitated: int = -1,
     ) -> None:
         """Store an env step in the replay memory.
 
-        Observations are inputs `[F]`; `action` is the executed environment action. The value of the
-        next state is maximised over `next_allowed` `[E]`, None for all. `imitated` is the planner's
-        action, to be imitated; -1: none.
+        Observations are inputs `[F]`; `action` is the executed environment action. `imitated` is
+        the planner's action, to be imitated; -1: none.
         """
 
     def learn(self) -> float | None:

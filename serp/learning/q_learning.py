@@ -9,7 +9,7 @@ import numpy as np
 
 from serp import _core
 from serp.errors import LearningFailure
-from serp.learning.replay import Samples, type_F32
+from serp.learning.replay import ReplayBuffer, type_F32
 from serp.settings import LearnerSettings
 
 _LARGEST_NORM: Final = 10.0
@@ -38,6 +38,7 @@ class QLearning:
         rng: np.random.Generator,
     ) -> None:
         self.updates = 0
+        self._drawn = settings.members * settings.batch_size
         self.compiled = _core.QLearning(
             (input_size, *settings.hidden, action_count), settings.layer_norm, settings.members,
             settings.batch_size, settings.learning_rate,
@@ -49,20 +50,18 @@ class QLearning:
         if self.compiled.target is not None:
             self.compiled.target.parameters[...] = self.online.parameters
 
-    def update(
-        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float, env_step: int
-    ) -> float:
-        """Do one gradient update on a batch ``[E, B]`` and return its loss.
+    def update(self, replay: ReplayBuffer, imitation_weight: float, env_step: int) -> float:
+        """Do one gradient update on samples of the replay memory and return its loss.
 
-        `bounds` are the smallest and the largest possible value of a state. Without a target
-        network the network itself values the next state (paper, equation 3).
+        A batch ``[B]`` is drawn for each member. Without a target network the network itself values
+        the next state (paper, equation 3).
 
         Raises:
-            LearningFailure: The loss is not finite; nothing has changed.
+            LearningFailure: The loss is not finite; no parameter has changed.
         """
-        loss = self.compiled.update(batch.compiled, *bounds, imitation_weight)
+        loss = self.compiled.update(replay.compiled, replay.draw(self._drawn), imitation_weight)
         if not math.isfinite(loss):
-            raise self.failure(f"the loss is {loss}", env_step, batch)
+            raise self.failure(f"the loss is {loss}", env_step, replay)
         self.updates += 1
         return loss
 
@@ -86,12 +85,14 @@ class QLearning:
                 return f"in the {name} of layer {layer}"
         return None
 
-    def failure(self, what: str, env_step: int, batch: Samples | None = None) -> LearningFailure:
+    def failure(
+        self, what: str, env_step: int, replay: ReplayBuffer | None = None
+    ) -> LearningFailure:
         """Return the error that names what is not finite: parameters before the largest input."""
         first = self.not_finite()
-        if first is None and batch is not None:
+        if first is None and replay is not None:
             names = ("observation", "next_observation", "reward")
-            size, name = max((np.abs(getattr(batch, name)).max(), name) for name in names)
+            size, name = max((np.abs(replay.samples[name]).max(), name) for name in names)
             first = f"a value of the network; the largest of its inputs is a {name}: {size:g}"
         return LearningFailure(
             f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "

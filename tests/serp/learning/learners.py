@@ -31,8 +31,8 @@ def live(agent, rng, steps):
         action = int(rng.integers(A))
         imitated = int(rng.integers(-1, A)) if agent.imitates else -1
         end = rng.random(2) < 0.1
-        reward, allowed = float(rng.standard_normal()), rng.random(A) < 0.7
-        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, imitated)
+        reward = float(rng.standard_normal())
+        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), imitated)
         said.append(agent.learn())
     return said
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.learning.dqn import ReturnBounds
 from tests.serp.learning.learners import TARGETS, A, F, assert_same_state, learner, live, set_q
 
 GREEDY = {"epsilon_steps": 0, "epsilon_end": 0.0}
@@ -158,7 +157,6 @@ def test_resume_equals_uninterrupted(variant, before, after, seed):
         ({"target_polyak": None}, "target network"),
         ({"buffer_size": 32}, "buffer_size"),
         ({"n_step": 2}, "n_step"),
-        ({"imitates": True}, "without a planner to imitate"),
     ],
 )
 def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, message):
@@ -176,7 +174,6 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, messag
         (lambda a, m: a.pop("target"), "target is missing"),
         (lambda a, m: a.update({"replay.reward": a["replay.reward"][:-1]}), "reward has shape"),
         (lambda a, m: a["replay.action"].fill(A), "action has entries"),
-        (lambda a, m: a["replay.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.imitated"].fill(A), "imitated has entries"),
         (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
@@ -194,20 +191,3 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil, message):
     with pytest.raises(RunError, match=message):
         agent.load_state_dict(arrays, meta)
     assert_same_state(agent, same)
-
-
-# --- bounds of returns ---------------------------------------------------------------------------
-
-REWARDS = st.floats(-10, 10)
-
-
-@given(discount=st.floats(0, 0.99), going_on=st.lists(REWARDS, max_size=40), last=REWARDS)
-def test_no_return_of_the_rewards_seen_lies_outside(discount, going_on, last):
-    bounds = ReturnBounds(discount)
-    for reward in going_on:
-        bounds.observe(reward, terminated=False)
-    bounds.observe(last, terminated=True)
-    for start in range(len(going_on) + 1):
-        rewards = [*going_on[start:], last]
-        value = sum(discount**k * reward for k, reward in enumerate(rewards))
-        assert bounds.lower - 1e-9 <= value <= bounds.upper + 1e-9
