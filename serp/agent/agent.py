@@ -28,7 +28,8 @@ from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
-from serp.tasks.task import BoundTask, reward_source
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import reward_source
 
 MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""

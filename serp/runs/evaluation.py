@@ -19,7 +19,8 @@ from serp.runs import Policy as Policy
 from serp.runs.recording import Recorder
 from serp.runs.rollout import Decide, Rollout, evaluation_seed
 from serp.runs.summary import WINDOW
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import Judge
 
 EPISODES: Final = 100
 """Default number of episodes."""

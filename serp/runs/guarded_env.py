@@ -32,8 +32,9 @@ from serp.runs.run import begin_run
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.runs.trainer import Budget
 from serp.settings import resolve
+from serp.tasks.environment import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask, Judge, Task
+from serp.tasks.task import Judge, Task
 
 Answer = tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]
 """What `step` of a Gymnasium environment returns."""

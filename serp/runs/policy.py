@@ -30,8 +30,9 @@ from serp.runs import checkpoint
 from serp.runs.evaluation import Episode, play
 from serp.runs.run import Run, load_run
 from serp.settings import Settings
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import WorldOptions
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 
 FORMAT: Final = 4
 MANIFEST, DOMAIN, PROBLEM = "manifest.json", "domain.pddl", "problem.pddl"

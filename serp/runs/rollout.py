@@ -11,9 +11,10 @@ from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
 from serp.model.transition_model import Vector
-from serp.tasks.environment import single
+from serp.tasks.environment import BoundTask
 from serp.tasks.remote_task import RemoteTask
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.spaces import single
+from serp.tasks.task import Judge
 
 TakeIn = Callable[[Vector, Vector], tuple[Vector, Vector]]
 """(flat observation, state) → (state, input of the learner)."""

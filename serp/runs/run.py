@@ -41,9 +41,10 @@ from serp.runs.recording import Layout, Recorder, Recording, open_recording, rec
 from serp.runs.tables import read_metrics
 from serp.runs.trainer import Budget
 from serp.settings import Settings
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import WorldOptions, world_task
 from serp.tasks.registry import load_task
-from serp.tasks.task import BoundTask, Task, reward_source
+from serp.tasks.task import Task, reward_source
 
 
 class RunMetadata(BaseModel):
@@ -276,7 +277,7 @@ class Run:
                     decision = agent.decide_greedily(state, x)
                     ground = int(decision.forecast.ground[decision.action])
                     before = state
-                    observation = yield agent.task.environment_action(decision.action)
+                    observation = yield agent.task.action_space.action(decision.action)
                     state, x = agent.perceive(observation)
                     if agent.task.model.judge(before, ground, state).terminal:
                         return

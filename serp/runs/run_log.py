@@ -14,7 +14,7 @@ from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
 from serp.runs.folder import RunFolder
 from serp.runs.recording import RECORDING, Layout, Recorder
 from serp.runs.tables import MetricsRow, decision_row
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 
 
 class RunLog(Closing):

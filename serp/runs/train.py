@@ -35,8 +35,9 @@ from serp.runs.run import (
 from serp.runs.run_log import RunLog
 from serp.runs.trainer import Budget, Callbacks, OnEpisode, Trainer
 from serp.settings import resolve
+from serp.tasks.environment import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask, Task, describe_source
+from serp.tasks.task import Task, describe_source
 
 SIGNALS: Final[tuple[signal.Signals, ...]] = (
     signal.SIGINT,

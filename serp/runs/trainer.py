@@ -22,7 +22,8 @@ from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import Bookkeeping
 from serp.runs.tables import MetricsRow
 from serp.settings import Section, Settings
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import Judge
 
 Limit = Annotated[int, Field(ge=1)] | None
 

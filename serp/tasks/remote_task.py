@@ -16,7 +16,7 @@ from serp._util.files import Closing
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 
 
 class RemoteTask(Closing):

@@ -50,8 +50,9 @@ from serp.runs.tables import MetricsRow, read_metrics
 from serp.runs.train import train
 from serp.runs.trainer import Budget, Callbacks, Trainer
 from serp.settings import Settings
-from serp.tasks.environment import single
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.environment import BoundTask
+from serp.tasks.spaces import single
+from serp.tasks.task import Task
 
 Columns = dict[str, NDArray[Any]]
 """Name of a column → its values, one entry per row."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from serp.errors import RunError, SerpError, needs_extra
 from serp.runs.run import Run
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 from serp.ui.report.recorded_steps import RecordedSteps, by_interest
 
 with needs_extra("report", "a report of a run"):

@@ -12,8 +12,9 @@ from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError
 from serp.planning.replanner import MonitorReplanner
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import file_task
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 from serp.ui.asked import rolled_out
 from serp.ui.studio.view import Ranges, Surroundings, Version
 
