@@ -17,7 +17,7 @@ from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
 from serp.model.flags import RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 

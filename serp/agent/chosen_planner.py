@@ -15,8 +15,7 @@ from serp.agent.protocols import Planner
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.model.transition_model import Outcome, TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Bound, Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep

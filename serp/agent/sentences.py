@@ -13,8 +13,7 @@ from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.decision import Actor, Reason
 from serp.agent.explanation import Alternative, RunnerUp, unsafe_ahead
-from serp.planning.edges import Bound
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Bound, Forecast
 
 TO_THE_UNKNOWN: Final = (
     "The planner found nothing better within reach, so it explores. Unknown states are valued "

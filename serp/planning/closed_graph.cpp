@@ -298,24 +298,28 @@ void bind_closed_graph(nb::module_& module) {
                 new (self) ClosedGraph(model, {discount, accepted_risk}, max_edges);
             }, nb::arg("model"), nb::arg("discount"), nb::arg("accepted_risk"),
             nb::arg("max_edges"), nb::keep_alive<1, 2>())
-        .def("clear", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
+        .def("begin", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
                 self.clear(vector_of(inert));
             }, nb::arg("inert"), "Forget all nodes; `inert` are fluents that make no difference.")
         .def("grow", &grow, nb::arg("states"), nb::arg("limit"),
              "Add states [n, F] and what can be reached from them, and solve the graph.")
         .def("solve", &ClosedGraph::solve,
              "Find the best policy of every node.")
-        .def("forecast", &forecast, nb::arg("state"),
+        .def("look_up", &forecast, nb::arg("state"),
              "Return the fields of a `Forecast` for a state [F]; None where the state is not in the "
              "graph, or its best policy leaves the graph.")
         .def("ends", [](const ClosedGraph& self, const State& state) {
                 return self.ends(state_of(self, state));
             }, nb::arg("state"),
-            "Return whether the best policy leads from a state [F] to the end of the task.")
+            "Return whether the best policy leads from a state [F] to the end of the task. The first "
+            "outcome of every step is followed.")
         .def_prop_ro("nodes", [](const ClosedGraph& self) { return self.graph().nodes(); })
-        .def_prop_ro("expanded", [](const ClosedGraph& self) { return self.graph().expanded(); })
         .def_prop_ro("edges", [](const ClosedGraph& self) { return self.graph().edges(); })
-        .def_prop_ro("spreads", &ClosedGraph::spreads)
+        .def_prop_ro("complete", &ClosedGraph::complete,
+                     "Whether everything that can be reached is in the graph.")
+        .def_prop_ro("spreads", &ClosedGraph::spreads,
+                     "Whether edges hardly ever lead to a known state, so that the graph will not "
+                     "close.")
         .def_prop_ro("largest", [](const ClosedGraph& self) {
                 return largest_of(self.graph().states);
             }, "Largest magnitude of a number in all states.")

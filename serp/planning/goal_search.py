@@ -31,7 +31,6 @@ class GoalSearch:
         self._relaxed: Relaxation | None = None
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
-        self._inert = inert_fluents(model.ground)
 
     @property
     def goal(self) -> bool:
@@ -48,7 +47,7 @@ class GoalSearch:
         if self._relaxed is None:
             return None
         model = self._model
-        inert = self._inert if model.as_written else self._inert[:0]
+        inert = inert_fluents(model)
         numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
         self.steps, way = find_way(
             model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted,

@@ -6,20 +6,52 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp import _core
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import Bound, edge_budget, lookahead_nodes
-from serp.planning.forecast import Forecast, forecast_of
+from serp.planning.forecast import Bound, Forecast, forecast_of
 from serp.planning.preference import PathScore, path_score
 from serp.settings import PlannerSettings
 
+MAX_EDGES: Final = 4_000_000
+"""Most edges that are tried."""
+MAX_NUMBERS: Final = 10_000_000
+"""Most numbers in all states that the edges of a graph lead to."""
 _CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 _WORTH = 500
 """Most edges of a search from which on threads save time; so many take about 0.1 ms."""
+
+
+def node_budget(max_nodes: int, actions: int) -> int:
+    """Return the most nodes to expand, with `actions` edges at each."""
+    return max(1, min(max_nodes, MAX_EDGES // max(1, actions)))
+
+
+def lookahead_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
+    """Return the most nodes that a lookahead expands: the budget, or the whole tree if smaller.
+
+    Every node but the root has an edge that leads to it.
+    """
+    budget = min(node_budget(settings.max_nodes, actions), edge_budget(fluents) + 1)
+    tree, layer = 0, 1
+    for _ in range(settings.depth):
+        tree += layer
+        layer *= max(1, actions)
+        if tree >= budget:
+            return budget
+    return tree
+
+
+def edge_budget(fluents: int) -> int:
+    """Return the most edges of a graph whose states have `fluents` numbers.
+
+    This bounds the memory: a layer that would exceed it is dropped, as by `max_nodes`.
+    """
+    return MAX_NUMBERS // (fluents + 1)
 
 
 class Lookahead:

@@ -19,8 +19,7 @@ from serp._util.numbers import real
 from serp.errors import SettingsError
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import SAFE, Bound, Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import PathScore, counted, marked, path_score, rank_of, step_risk
 from serp.settings import PlannerSettings

@@ -42,8 +42,7 @@ from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
 from serp.errors import Notice, RunError
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.runs.folder import RunLock
 from serp.tasks.action_map import ActionForecast, ActionMap
 

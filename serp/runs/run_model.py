@@ -19,9 +19,8 @@ from serp.errors import RunError
 from serp.model.domain import Domain, load_domain
 from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Bound, Forecast
 from serp.planning.lookahead import Lookahead
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import RunFolder

@@ -22,7 +22,7 @@ from serp.agent.explanation import Explanation, explain
 from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided, why_refused
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
 from serp.runs.run_model import RunModel, agreeing_planner, other_vetoes_of, planned_again
 

@@ -96,7 +96,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: None)],
     "unknown": [(f"{FAR}.cell_graph:CellGraph.explores", always(False))],
     "budget": [(f"{PLANNER}._saved", always(200_000)), (f"{PLANNER}._wait", always(0))],
-    "inert": [(f"{FAR}.{module}:inert_fluents", lambda ground: NOTHING)
+    "inert": [(f"{FAR}.{module}:inert_fluents", lambda model: NOTHING)
               for module in ("closed_graph", "goal_search", "cell_graph")],
     "slack": ["planner.accepted_risk=0"],
     # What is learned of the model

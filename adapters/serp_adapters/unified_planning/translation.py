@@ -61,7 +61,7 @@ class _Translation:
     def __init__(self, model: TransitionModel) -> None:
         self.model, self.ground = model, model.ground
         self.theta = model.theta.tolist()
-        self.left_out = set(inert_fluents(model.ground).tolist())
+        self.left_out = set(inert_fluents(model).tolist())
         schemas = self.ground.schemas if self.ground.goal is None else ()
         self.successes = {id(s): s for s in schemas if succeeds(s, self.theta)}
         self.others = [event for event in self.ground.events if id(event) not in self.successes]

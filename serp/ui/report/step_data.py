@@ -17,8 +17,7 @@ from serp.agent.causes import Cause
 from serp.agent.decision import Reason
 from serp.agent.sentences import who_decided, why_refused
 from serp.pddl.source import Source
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.runs.recording import ACTORS, REASONS
 from serp.ui.report.recorded_steps import RecordedSteps
 from serp.ui.report.scene import DrawnScenes

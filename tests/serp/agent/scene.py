@@ -5,8 +5,7 @@ import numpy as np
 from serp.agent.strategy import Situation
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.tasks.action_map import ActionForecast
 
 

@@ -7,8 +7,8 @@ import networkx as nx
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel
-from serp.planning.edges import Bound, edge_budget, node_budget
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
+from serp.planning.lookahead import edge_budget, node_budget
 from serp.settings import PlannerSettings
 
 State = tuple[float, ...]

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from serp import _core
 from serp.model.flags import RISKY, UNSAFE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk, rank_of
 from serp.planning.replanner import MonitorReplanner
@@ -100,7 +99,7 @@ def test_the_plan_is_that_of_plain_recursion():
         states = states_of(model, Random(states_seed), 2)
         reference = Reference(model, settings)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("serp.planning.edges.MAX_NUMBERS", memory * (len(model.fluents) + 1))
+            patch.setattr("serp.planning.lookahead.MAX_NUMBERS", memory * (len(model.fluents) + 1))
             for state, planned in zip(states, plans_of(model, settings, states), strict=True):
                 assert_as_by_recursion(reference, state, planned)
                 expected = reference.graph(as_state(state), planned.depth)

@@ -6,7 +6,7 @@ import pytest
 
 from serp.errors import SettingsError
 from serp.model.transition_model import StateError
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.planning.replanner import MonitorReplanner
 from tests.serp.planning.worlds import load, world
 

@@ -72,7 +72,7 @@ class Solved(NamedTuple):
 
     def look_up(self, node):
         """The forecast for the node whose state is its number."""
-        fields = self.graph.forecast(np.array([float(node)]))
+        fields = self.graph.look_up(np.array([float(node)]))
         return forecast_of(fields)
 
 

@@ -8,8 +8,8 @@ import pytest
 from serp.model.flags import TERMINAL, UNSAFE, ends_of, going_on
 from serp.model.learned.feature_groups import FILE, LINEAR
 from serp.model.learned.transitions import GOES_ON, OVER
-from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
+from serp.planning.forecast import Bound
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.serp.model.learned.worlds import GRID, adaptation, adapted
