@@ -24,9 +24,9 @@ NB_MODULE(_core, module) {
     serp::bind_adapted_model(module);
     serp::bind_residual(module);
     serp::bind_outcome_counts(module);
+    serp::bind_cell_graph(module);
     serp::bind_lookahead(module);
     serp::bind_closed_graph(module);
-    serp::bind_cell_graph(module);
     serp::bind_goal_search(module);
     serp::bind_network(module);
     serp::bind_q_learning(module);

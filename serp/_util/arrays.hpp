@@ -6,6 +6,8 @@
 
 #include <cstdint>
 #include <initializer_list>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -37,6 +39,13 @@ template <class T>
 Array<T> view_of(T* numbers, std::initializer_list<size_t> shape, nb::handle owner,
                  std::initializer_list<std::int64_t> strides = {}) {
     return Array<T>(numbers, shape, owner, strides);
+}
+
+/// Returns the numbers of a state [F]; throws std::invalid_argument where it has others than F.
+inline const double* state_of(const In<double, nb::ndim<1>>& state, size_t fluents) {
+    if (state.size() != fluents)
+        throw std::invalid_argument("a state has " + std::to_string(fluents) + " numbers");
+    return state.data();
 }
 
 /// Returns a copy of an array as a vector.

@@ -94,6 +94,10 @@ private:
         return states_.data() + static_cast<std::size_t>(node) * cells_.width();
     }
     int expanded() const { return static_cast<int>(first_edge_.size()) - 1; }
+    void clear() {
+        index_.clear(), states_.clear(), undefined_.clear(), value_.clear();
+        first_edge_.assign(1, 0), edges_.clear(), reached_.clear();
+    }
     int node_of(const double* row);
     std::int64_t expand_node(Stepper& first, Stepper& further, int actions, double unknown);
     void interpolate();
@@ -129,8 +133,7 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
                                                 const std::vector<double>& roots,
                                                 std::int64_t limit, double unknown) {
     cells_ = std::move(cells);
-    index_.clear(), states_.clear(), undefined_.clear();
-    first_edge_.assign(1, 0), edges_.clear(), reached_.clear(), value_.clear();
+    clear();
     const int actions = model.actions();
     const int most_nodes = max_edges_ / std::max(1, actions) + actions;
     std::int64_t steps = 0;
@@ -145,8 +148,7 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
         }
         return {steps, true};
     } catch (const std::bad_alloc&) {  // no room
-        index_.clear(), states_.clear(), undefined_.clear();
-        first_edge_.assign(1, 0), edges_.clear(), reached_.clear();
+        clear();
         return {steps, false};
     }
 }
@@ -358,7 +360,6 @@ void bind_cell_graph(nb::module_& module) {
     nb::class_<CellGraph>(module, "CellGraph", "A planning graph over cells of the state space.")
         .def(nb::init<double, double, int>(), nb::arg("discount"), nb::arg("accepted_risk"),
              nb::arg("max_edges"))
-        .def_prop_ro("nodes", &CellGraph::nodes)
         .def_prop_ro("edges", &CellGraph::edges)
         .def("expand", &expand, nb::arg("model"), nb::arg("low"), nb::arg("scale"),
              nb::arg("area"), nb::arg("roots"), nb::arg("limit"), nb::arg("unknown"),

@@ -221,12 +221,6 @@ namespace {
 
 using State = In<double, nb::ndim<1>>;
 
-const double* state_of(const ClosedGraph& of, const State& state) {
-    if (state.size() != static_cast<std::size_t>(of.graph().width))
-        refuse("a state has " + std::to_string(of.graph().width) + " numbers");
-    return state.data();
-}
-
 /// Calls `visit` with name and numbers of every column that is saved.
 template <class Of, class Visit>
 void for_each_column(Of& of, Visit visit) {
@@ -282,7 +276,7 @@ void grow(ClosedGraph& closed, const In<double, nb::ndim<2>>& states, std::int64
 }
 
 std::optional<ForecastTuple> forecast(ClosedGraph& closed, const State& state) {
-    auto first = closed.forecast(state_of(closed, state));
+    auto first = closed.forecast(state_of(state, closed.graph().width));
     if (!first) return std::nullopt;
     return forecast_tuple(std::move(*first), closed.depth(),
                           closed.complete() ? Bound::EXHAUSTED : Bound::NODES);
@@ -309,7 +303,7 @@ void bind_closed_graph(nb::module_& module) {
              "Return the fields of a `Forecast` for a state [F]; None where the state is not in the "
              "graph, or its best policy leaves the graph.")
         .def("ends", [](const ClosedGraph& self, const State& state) {
-                return self.ends(state_of(self, state));
+                return self.ends(state_of(state, self.graph().width));
             }, nb::arg("state"),
             "Return whether the best policy leads from a state [F] to the end of the task. The first "
             "outcome of every step is followed.")

@@ -69,7 +69,7 @@ class Lookahead:
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
         self.model = model
         self.settings = settings or PlannerSettings()
-        self.leaves: _core.LeafValues | None = None
+        self.leaves: _core.CellValues | None = None
         self._width, actions = len(model.fluents), len(model.actions)
         nodes = lookahead_nodes(self.settings, actions, self._width)
         self.followed = self._most = nodes * actions
@@ -77,7 +77,7 @@ class Lookahead:
             model.core, self.settings.depth, self.settings.discount, self.settings.accepted_risk,
             nodes, edge_budget(self._width),
         )  # fmt: skip
-        self._prefetched: dict[bytes, tuple[_core.LeafValues | None, Forecast, int]] = {}
+        self._prefetched: dict[bytes, tuple[_core.CellValues | None, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
 
     def scores(self, count: int) -> Iterator[PathScore]:
