@@ -141,7 +141,7 @@ void Lookahead::choose(int node, int expanded, FirstActions& first) {
             if (value > best.value || (value == best.value && action < chosen))
                 chosen = action, best.value = value;
         }
-    paths_[node] = {best.value, best.risk, best.steps};
+    paths_[node] = {best.value, best.risk, best.steps, chosen};
     first.choice = chosen;
 }
 
@@ -266,15 +266,11 @@ std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::nd
     return results;
 }
 
-std::tuple<Array<double>, Array<double>, Array<std::int64_t>> paths_of(const Lookahead& of) {
-    const std::size_t count = of.paths().size();
-    std::vector<double> value, risk;
-    std::vector<std::int64_t> steps;
-    for (const auto& path : of.paths()) {
-        value.push_back(path.value), risk.push_back(path.risk), steps.push_back(path.steps);
-    }
-    return {array_of(std::move(value), {count}), array_of(std::move(risk), {count}),
-            array_of(std::move(steps), {count})};
+std::vector<std::tuple<double, double, std::int64_t, int>> paths_of(const Lookahead& of) {
+    std::vector<std::tuple<double, double, std::int64_t, int>> paths;
+    for (const auto& path : of.paths())
+        paths.emplace_back(path.value, path.risk, path.steps, path.action);
+    return paths;
 }
 
 }  // namespace
@@ -295,8 +291,8 @@ void bind_lookahead(nb::module_& module) {
         .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
              nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
         .def("paths", &paths_of,
-             "Return value, risk and safe steps [n] of the best path from each expanded state of "
-             "the newest forecast, in the order in which they were found.");
+             "Return value, risk, safe steps and first action (-1 for none) of the best path from "
+             "each expanded state of the newest forecast, in the order in which they were found.");
 }
 
 }  // namespace serp

@@ -55,10 +55,11 @@ public:
     std::vector<LookaheadForecast> forecast_batch(const double* states, int count,
                                                   const CellValues* leaves, int threads);
 
-    /// The best path from a state.
+    /// The best path from a state, and its first action; -1 where none is applicable.
     struct Path {
         double value = 0.0, risk = 0.0;
         std::int64_t steps = SAFE;
+        std::int32_t action = -1;
     };
     /// Returns the best paths from the states of the newest forecast that were expanded, in the order
     /// in which they were found.

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from serp import _core
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.forecast import Bound, Forecast, forecast_of
-from serp.planning.preference import PathScore, path_score
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 4_000_000
@@ -54,6 +53,15 @@ def edge_budget(fluents: int) -> int:
     return MAX_NUMBERS // (fluents + 1)
 
 
+class BestPath(NamedTuple):
+    """The best path from a state, as in `Forecast`, and its first action; -1 for none."""
+
+    value: float
+    risk: float
+    safe_steps: int
+    action: int
+
+
 class Lookahead:
     """Monitor-replanning, for use in every step of a training.
 
@@ -80,14 +88,12 @@ class Lookahead:
         self._prefetched: dict[bytes, tuple[_core.CellValues | None, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
 
-    def scores(self, count: int) -> Iterator[PathScore]:
-        """Yield the score of the best path from each of the first states of the newest forecast.
+    def paths(self) -> Iterator[BestPath]:
+        """Yield the best path from each state that the newest forecast expanded.
 
         They are in the order in which they were found, without those in which the task has ended.
         """
-        columns = (column[:count].tolist() for column in self._core.paths())
-        for value, risk, steps in zip(*columns, strict=True):
-            yield path_score(0, risk, steps, value)
+        return map(BestPath._make, self._core.paths())
 
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:

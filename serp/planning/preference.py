@@ -14,8 +14,6 @@ Compiled code has the same in preference.hpp.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -45,35 +43,9 @@ def rank_of(flags: int) -> int:
     return 1 if flags & RISKY else 0
 
 
-def within_slack(risk: float, least: float, accepted: float) -> bool:
-    """Return whether a path of this risk counts as one of the least risk.
-
-    Args:
-        risk: In [0, 1]; 1 where damage is certain.
-        least: Least risk of the actions of the best rank in the same state.
-        accepted: `PlannerSettings.accepted_risk`; 0 accepts nothing.
-    """
-    return accepted > 0.0 and risk < 1.0 and risk <= least + accepted
-
-
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
     """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
-
-
-def counted(scores: Sequence[PathScore], accepted: float) -> list[PathScore]:
-    """Return the scores of all actions in a state, in which accepted risks do not count.
-
-    A path within the slack gets the risk and the steps of the safest one.
-    """
-    safest = max((score[:3] for score in scores), default=(0, 0.0, 0))
-    rank, spared, _ = safest
-    return [
-        (*safest, score[3])
-        if score[0] == rank and within_slack(0.0 - score[1], 0.0 - spared, accepted)
-        else score
-        for score in scores
-    ]
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:

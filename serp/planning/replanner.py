@@ -6,7 +6,6 @@ Paper, section 3.2, after Russell & Norvig's execution monitoring and replanning
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 import time
 from dataclasses import dataclass, field
@@ -17,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from serp._util.numbers import real
 from serp.errors import SettingsError
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Bound, Forecast
-from serp.planning.lookahead import Lookahead
-from serp.planning.preference import PathScore, counted, marked, path_score, rank_of, step_risk
+from serp.planning.lookahead import BestPath, Lookahead
+from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
 
 if TYPE_CHECKING:
@@ -40,7 +39,6 @@ class Edge(NamedTuple):
         source, action, target: Positions of nodes and action.
         reward: Its reward.
         flags: Its flags, with RISKY where its risk is not accepted.
-        risk: Probability that it is unsafe; 0 if that is accepted.
     """
 
     source: int
@@ -48,7 +46,6 @@ class Edge(NamedTuple):
     target: int
     reward: float
     flags: int
-    risk: float
 
 
 class PlanningGraph:
@@ -77,7 +74,7 @@ class PlanningGraph:
         self.states: list[State] = [tuple(state.tolist())]
         self._ended = [False]
         self._layer_of = [0]
-        self._edges: list[list[Edge]] = [[]]
+        self._edges: list[dict[int, Edge]] = [{}]
         nodes = [0]
         rows: list[int] = []  # the node of each row of the lookahead's arrays
         for layer in range(1, self.forecast.depth + 1):
@@ -89,9 +86,9 @@ class PlanningGraph:
                 self.forecast = lookahead.forecast(state)._replace(bound=Bound.TIME)
                 break
             nodes = [node for node in range(first, len(self.states)) if not self._ended[node]]
-        self._scores = [path_score(0, 0.0, SAFE, 0.0)] * len(self.states)
-        for node, score in zip(rows, lookahead.scores(len(rows)), strict=True):
-            self._scores[node] = score
+        self._best = [BestPath(0.0, 0.0, SAFE, -1)] * len(self.states)
+        for node, best in zip(rows, lookahead.paths(), strict=True):
+            self._best[node] = best
 
     def _expand(self, nodes: list[int], layer: int, deadline: float) -> bool:
         """Add the edges out of some nodes, a layer; return whether there was time for it.
@@ -106,7 +103,7 @@ class PlanningGraph:
                 for column in (self.states, self._ended, self._layer_of, self._edges):
                     del column[first:]
                 for node in nodes:
-                    self._edges[node] = []
+                    self._edges[node] = {}
                 return False
             part = np.array(nodes[start : start + size])
             sources, actions = np.repeat(part, count), np.tile(np.arange(count), len(part))
@@ -129,33 +126,22 @@ class PlanningGraph:
             self.states.append(state)
             self._ended.append(ended)
             self._layer_of.append(layer)
-            self._edges.append([])
-        self._edges[source].append(Edge(source, action, target, reward, marked(flags, risk), risk))
+            self._edges.append({})
+        marks = marked(flags, risk)
+        self._edges[source][action] = Edge(source, action, target, reward, marks)
 
-    @functools.cached_property
+    @property
     def best_path(self) -> list[Edge]:
         """The edges of the best path from the root."""
-        return self._best_path(self._edges[0])
+        return self.path_by(self.forecast.choice)
 
     def path_by(self, action: int) -> list[Edge]:
         """Return the edges of the best path that begins with an action; none if not applicable."""
-        return self._best_path([edge for edge in self._edges[0] if edge.action == action])
-
-    def _best_path(self, edges: list[Edge]) -> list[Edge]:
-        path = list[Edge]()
-        while edges:
-            scores = counted([self._through(edge) for edge in edges], self.settings.accepted_risk)
-            path.append(edges[max(range(len(edges)), key=scores.__getitem__)])
-            edges = self._edges[path[-1].target]
+        path, node = list[Edge](), 0
+        while (edge := self._edges[node].get(action)) is not None:
+            path.append(edge)
+            node, action = edge.target, self._best[edge.target].action
         return path
-
-    def _through(self, edge: Edge) -> PathScore:
-        """Return the score of the best path that begins with an edge."""
-        _, spared, safe, value = self._scores[edge.target]
-        steps = 0 if edge.risk > 0.0 else safe if safe == SAFE else safe + 1
-        risk = edge.risk - (1.0 - edge.risk) * spared
-        total = edge.reward + self.settings.discount * going_on(edge.flags) * value
-        return path_score(rank_of(edge.flags), risk, steps, total)
 
     def to_networkx(self) -> nx.MultiDiGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
@@ -168,13 +154,14 @@ class PlanningGraph:
 
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        nodes = zip(self._layer_of, self.states, self._ended, self._scores, strict=True)
-        for node, (layer, state, ended, (_, spared, steps, value)) in enumerate(nodes):
+        nodes = zip(self._layer_of, self.states, self._ended, self._best, strict=True)
+        for node, (layer, state, ended, best) in enumerate(nodes):
             graph.add_node(
-                node, layer=layer, state=state, ended=ended, value=value, path_risk=0.0 - spared,
-                safe_steps=None if steps == SAFE else steps,
+                node, layer=layer, state=state, ended=ended, value=best.value, path_risk=best.risk,
+                safe_steps=None if best.safe_steps == SAFE else best.safe_steps,
             )  # fmt: skip
-        for source, action, target, reward, flags, _ in itertools.chain(*self._edges):
+        every = (edge for edges in self._edges for edge in edges.values())
+        for source, action, target, reward, flags in every:
             graph.add_edge(
                 source, target, action, action=names[action], reward=reward,
                 unsafe=(flags & UNSAFE) != 0, risk=risk_of(flags), risky=(flags & RISKY) != 0,
@@ -309,6 +296,6 @@ class MonitorReplanner:
                 self.model.actions[action].name, reward, bool(flags & UNSAFE), risk_of(flags),
                 graph.states[target],
             )
-            for _, action, target, reward, flags, _ in graph.best_path
+            for _, action, target, reward, flags in graph.best_path
         ]  # fmt: skip
         return Plan(tuple(path), graph.forecast, graph)
