@@ -94,7 +94,7 @@ class DQN:
     @property
     def updates(self) -> int:
         """Number of gradient updates, including those of `pretrain`."""
-        return self.learning.updates
+        return self.learning.steps
 
     @property
     def epsilon(self) -> float:
@@ -191,7 +191,7 @@ class DQN:
         if updates <= 0 or not self.replay.size:
             return None
         given = self.replay, self.imitation_weight, self.env_steps
-        return sum(self.learning.update(*given) for _ in range(updates)) / updates
+        return sum(self.learning.learn(*given) for _ in range(updates)) / updates
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `network_as_onnx`."""
@@ -213,8 +213,7 @@ class DQN:
         meta = {
             "env_steps": self.env_steps,
             "learn_calls": self._learn_calls,
-            "updates": self.learning.updates,
-            "adam_steps": self.learning.compiled.steps,
+            "updates": self.updates,
             "explore_rng": self._explore_rng.bit_generator.state,
             "replay": replay_meta,
         }
@@ -240,13 +239,13 @@ class DQN:
                 "settings it was saved with"
             )
         env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")
-        updates, adam_steps = saved.whole("updates"), saved.whole("adam_steps")
+        updates = saved.whole("updates")
         state = saved.generator_state("explore_rng", self._explore_rng)
         self.replay.load_state_dict(*saved.part("replay"))
         for name, array in trained.items():
             array[...] = arrays[name]
         self.env_steps, self._learn_calls = env_steps, learn_calls
-        learning.updates, learning.compiled.steps = updates, adam_steps
+        learning.steps = updates
         self._explore_rng.bit_generator.state = state
 
 

@@ -16,18 +16,14 @@ _LARGEST_NORM: Final = 10.0
 """Largest Euclidean norm of the gradient of one network that has a target network."""
 
 
-class QLearning:
+class QLearning(_core.QLearning):
     """The network of a learner, its target network, and their gradient updates.
 
     The computation is compiled: `network.cpp` and `q_learning.cpp`. All members' parameters are one
-    float32 array ``[E, P]``.
+    float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps` is the
+    number of gradient updates.
 
     Determinism: equal parameters and inputs give equal bits on one kind of machine.
-
-    Attributes:
-        online: The network that learns.
-        compiled: The networks and the optimiser, Adam with the paper's β₁, β₂ and ε.
-        updates: Number of gradient updates.
     """
 
     def __init__(
@@ -37,20 +33,18 @@ class QLearning:
         settings: LearnerSettings,
         rng: np.random.Generator,
     ) -> None:
-        self.updates = 0
         self._drawn = settings.members * settings.batch_size
-        self.compiled = _core.QLearning(
+        super().__init__(
             (input_size, *settings.hidden, action_count), settings.layer_norm, settings.members,
             settings.batch_size, settings.learning_rate,
             math.inf if settings.target_polyak is None else _LARGEST_NORM,
             settings.target_polyak,
         )  # fmt: skip
-        self.online = self.compiled.online
         draw(self.online, rng)
-        if self.compiled.target is not None:
-            self.compiled.target.parameters[...] = self.online.parameters
+        if self.target is not None:
+            self.target.parameters[...] = self.online.parameters
 
-    def update(self, replay: ReplayBuffer, imitation_weight: float, env_step: int) -> float:
+    def learn(self, replay: ReplayBuffer, imitation_weight: float, env_step: int) -> float:
         """Do one gradient update on samples of the replay memory and return its loss.
 
         A batch ``[B]`` is drawn for each member. Without a target network the network itself values
@@ -59,21 +53,20 @@ class QLearning:
         Raises:
             LearningFailure: The loss is not finite; no parameter has changed.
         """
-        loss = self.compiled.update(replay.compiled, replay.draw(self._drawn), imitation_weight)
+        loss = self.update(replay.compiled, replay.draw(self._drawn), imitation_weight)
         if not math.isfinite(loss):
             raise self.failure(f"the loss is {loss}", env_step, replay)
-        self.updates += 1
         return loss
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""
         arrays: dict[str, type_F32] = {
             "parameters": self.online.parameters,
-            "adam_first": self.compiled.first,
-            "adam_second": self.compiled.second,
+            "adam_first": self.first,
+            "adam_second": self.second,
         }
-        if self.compiled.target is not None:
-            arrays["target"] = self.compiled.target.parameters
+        if self.target is not None:
+            arrays["target"] = self.target.parameters
         return arrays
 
     def not_finite(self) -> str | None:
@@ -95,7 +88,7 @@ class QLearning:
             size, name = max((np.abs(replay.samples[name]).max(), name) for name in names)
             first = f"a value of the network; the largest of its inputs is a {name}: {size:g}"
         return LearningFailure(
-            f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "
+            f"learner: {what} in gradient update {self.steps + 1}, env step {env_step}. "
             f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
             "smaller learner.learning_rate, keep the numbers small"
         )
