@@ -19,7 +19,7 @@ SAFE = 1 << 30
 class Bound(IntEnum):
     """What ended the expansion of the planning graph.
 
-    `DEPTH`: so many layers were asked for. `NODES`, `TIME`: a budget was spent. `EXHAUSTED`: all
+    `DEPTH`: so many layers were asked for. `NODES`: a budget was spent. `EXHAUSTED`: all
     that can be reached is in the graph. `CELLS`: the last layer, whose states have the values of a
     graph over cells, which holds all that is known and can be reached. `UNKNOWN`: the same, and
     nothing known there is worth more than going on, so the plan leads to what is not known, whose
@@ -28,16 +28,15 @@ class Bound(IntEnum):
 
     DEPTH = 0
     NODES = 1
-    TIME = 2
-    EXHAUSTED = 3
-    CELLS = 4
-    UNKNOWN = 5
-    SAFETY = 6
+    EXHAUSTED = 2
+    CELLS = 3
+    UNKNOWN = 4
+    SAFETY = 5
 
     @property
     def partial(self) -> bool:
         """Whether returns are partial: those of the lookahead, without what comes later."""
-        return self in (Bound.DEPTH, Bound.NODES, Bound.TIME)
+        return self in (Bound.DEPTH, Bound.NODES)
 
 
 class Forecast(NamedTuple):

@@ -166,19 +166,13 @@ std::pair<double, int> estimate(const Relaxation& relaxation,
 }  // namespace
 
 void bind_relaxation(nb::module_& module) {
-    nb::class_<Relaxation>(module, "Relaxation", "Facts and operators of a relaxed domain.")
+    nb::class_<Relaxation>(module, "Relaxation",
+                           "Facts and operators of a relaxed domain, see relaxation.hpp.")
         .def(nb::init<int, const std::vector<Relaxation::Comparison>&,
                       const std::vector<Relaxation::Operator>&,
                       const std::vector<Relaxation::Way>&>(),
-             nb::arg("fluents"), nb::arg("comparisons"), nb::arg("operators"), nb::arg("ways"),
-             "Facts 2 i and 2 i + 1 say that fluent i is 0, or is not; the others are comparisons: "
-             "fluents and factors, constant, and whether the sum has to be positive. An operator "
-             "has the facts that it needs, a cost, and the facts that it makes true; for each of "
-             "these what one application adds to the sum of a comparison, 0 where one is enough. "
-             "A way to the goal is the facts that it needs.")
-        .def("estimate", &estimate, nb::arg("state"),
-             "Return how far away the goal is from a state [F]: its additive cost, infinite if it "
-             "is unreachable, and the least number of facts of a way to it that do not hold.");
+             nb::arg("fluents"), nb::arg("comparisons"), nb::arg("operators"), nb::arg("ways"))
+        .def("estimate", &estimate, nb::arg("state"));
 }
 
 }  // namespace serp

@@ -57,7 +57,7 @@ class Surroundings:
     def planner_of(self, domain: Domain) -> MonitorReplanner:
         """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
         model = TransitionModel(domain.model.ground, dt=self.dt)
-        return MonitorReplanner(model, self.planner, time_budget=2.0)
+        return MonitorReplanner(model, self.planner)
 
 
 @functools.lru_cache(1)
