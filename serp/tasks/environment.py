@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from serp._util.files import Closing
 from serp._util.numbers import real
+from serp._util.plugins import raised
 from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks import wrapper_state
@@ -143,7 +143,7 @@ class BoundTask(Closing):
             env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
         except Exception as error:
             raise EnvironmentFailure(
-                f"task {self.name}: making the environment failed: {_short(error)}"
+                f"task {self.name}: making the environment failed: {raised(error)}"
             ) from error
         if not isinstance(env, gym.Env):
             raise TaskError(
@@ -201,7 +201,7 @@ class BoundTask(Closing):
             return self.grounding(raw, info, env)
         except Exception as error:
             raise TaskError(
-                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
+                f"task {self.name}: the grounding failed on {raw}: {raised(error)}"
             ) from error
 
     def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
@@ -229,7 +229,7 @@ class BoundTask(Closing):
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {raised(error)}") from error
 
     def close(self) -> None:
         """Close the environment."""
@@ -251,7 +251,7 @@ class BoundTask(Closing):
         except Exception as error:
             raise EnvironmentFailure(
                 f"task {self.name}: the environment's state_dict() failed, or does not consist of "
-                f"JSON values: {_short(error)}"
+                f"JSON values: {raised(error)}"
             ) from error
         return saved
 
@@ -264,7 +264,7 @@ class BoundTask(Closing):
         except Exception as error:
             raise RunError(
                 f"task {self.name}: the environment cannot restore its saved state: "
-                f"{_short(error)}; continue with the environment it was saved with"
+                f"{raised(error)}; continue with the environment it was saved with"
             ) from error
 
 
@@ -275,10 +275,3 @@ def _takes(function: Callable[..., Any], name: str) -> bool:
     except ValueError:  # some callables written in C have no signature
         return True
     return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
-
-
-def _short(error: BaseException) -> str:
-    """Return the message of an error in user code, and the line that raised it."""
-    message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
-    return f"{message} ({frames[-1].filename}:{frames[-1].lineno})" if frames else message
