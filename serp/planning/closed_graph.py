@@ -16,33 +16,12 @@ from numpy.typing import NDArray
 from serp import _core
 from serp._util.saved_state import Arrays, Saved
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import SAFE, Forecast, forecast_of
+from serp.planning.forecast import Forecast, forecast_of
 from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
-
-_COLUMNS: Final[dict[str, tuple[str, float | None, float]]] = {
-    "states": ("f8", None, 0.0),
-    "layer": ("i4", 0, 2**30),
-    "undefined": ("u1", 0, 1),
-    "value": ("f8", None, 0.0),
-    "risk": ("f8", 0.0, 1.0),
-    "steps": ("i8", -1, SAFE),
-    "inside": ("u1", 0, 1),
-    "first_edge": ("i4", 0, 2**31),
-    "action": ("i4", 0, 2**31),
-    "flags": ("i8", 0, 2**53),
-    "reward": ("f8", None, 0.0),
-    "step_risk": ("f8", 0.0, 1.0),
-    "going_on": ("f8", 0.0, 1.0),
-    "first_outcome": ("i4", 0, 2**31),
-    "target": ("i4", -1, 2**31),
-    "chance": ("f8", 0.0, 1.0),
-    "inert": ("i8", 0, 2**31),
-}
-"""The columns that are saved: type, least and largest number. The others follow from them."""
 
 
 class ClosedGraph(_core.ClosedGraph):
@@ -88,16 +67,15 @@ class ClosedGraph(_core.ClosedGraph):
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly."""
-        columns = self.columns()
-        return {name: columns[name] for name in _COLUMNS}
+        return self.columns()
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         self.clear()
         saved = Saved("planning graph", arrays, {})
         columns = {
-            name: saved.array(name, dtype, (-1,), low, high)
-            for name, (dtype, low, high) in _COLUMNS.items()
+            name: saved.array(name, column.dtype, (-1,), None)  # compiled code checks the values
+            for name, column in self.columns().items()
         }
         try:
             self.restore(columns)
