@@ -56,6 +56,7 @@ class DQN:
         imitates: As given.
         learning: The networks and their gradient updates.
         replay: The replay memory.
+        env_index: Environment, from 0, that the next env steps to remember come from.
         env_steps: Number of env steps remembered.
         imitation_weight: Current weight of imitation, ≥ 0, at first 0; it is not saved.
     """
@@ -79,17 +80,8 @@ class DQN:
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         self.replay = ReplayBuffer(input_size, action_count, settings, sample_rng, discount)
         self._explore_rng = explore_rng
-        self.env_steps = 0
+        self.env_steps = self.env_index = 0
         self._learn_calls = 0
-
-    @property
-    def env_index(self) -> int:
-        """Environment, from 0, that the next env steps to remember come from."""
-        return self.replay.env_index
-
-    @env_index.setter
-    def env_index(self, env_index: int) -> None:
-        self.replay.env_index = env_index
 
     @property
     def updates(self) -> int:
@@ -165,8 +157,9 @@ class DQN:
                 f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
         self.replay.add(
-            observation, action, reward, next_observation, terminated, truncated, imitated
-        )
+            observation, action, reward, next_observation, terminated, truncated, imitated,
+            self.env_index,
+        )  # fmt: skip
         self.env_steps += 1
 
     def learn(self) -> float | None:

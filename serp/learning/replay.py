@@ -52,7 +52,6 @@ class ReplayBuffer:
             ``[N]``, γᵏ for k rewards, 0 where the episode terminated; `imitated` int64 ``[N]``,
             action to be imitated in the state before the action, -1: none.
         compiled: The same memory for compiled code.
-        env_index: Environment, from 0, that the next steps come from.
     """
 
     def __init__(
@@ -76,7 +75,6 @@ class ReplayBuffer:
             "imitated": np.zeros(count, np.int64),
         }
         self.compiled = _core.ReplaySamples(**self.samples)
-        self.env_index = 0
         self._pending = defaultdict[int, deque[PendingStep]](deque)
         """Environment → its pending steps, at most n, the oldest first."""
         self._powers = [discount**k for k in range(settings.n_step + 1)]
@@ -91,6 +89,7 @@ class ReplayBuffer:
         terminated: bool,
         truncated: bool,
         imitated: int = -1,
+        env_index: int = 0,
     ) -> None:
         """Add one env step.
 
@@ -103,8 +102,9 @@ class ReplayBuffer:
             terminated: The episode ended in a terminal state, whose value is 0.
             truncated: The episode was cut off; the value of its last state is estimated.
             imitated: Action to be imitated in the state before the step; -1: none.
+            env_index: Environment, from 0, that the step comes from.
         """
-        pending = self._pending[self.env_index]
+        pending = self._pending[env_index]
         pending.append(PendingStep(np.array(observation, np.float32), action, imitated))
         for age, waiting in enumerate(reversed(pending)):
             waiting.reward += self._powers[age] * reward

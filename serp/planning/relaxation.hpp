@@ -1,4 +1,4 @@
-// The relaxed domain; relaxation.py says what it is and makes it.
+// The relaxed domain; goal_search.py says what it is and makes it.
 #pragma once
 
 #include <cstdint>

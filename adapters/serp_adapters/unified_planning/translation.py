@@ -25,8 +25,8 @@ from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import Change, Kind
+from serp.planning.goal_search import succeeds
 from serp.planning.inert import inert_fluents
-from serp.planning.relaxation import succeeds
 
 _ADVICE: Final = "the planners `far-sight` and `lookahead` of serp plan with it"
 _OPPOSITE: Final = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}

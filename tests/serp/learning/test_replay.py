@@ -31,7 +31,7 @@ class Step:
         return self.number % 4 - 1
 
 
-def feed(buffer, steps):
+def feed(buffer, steps, env_index=0):
     for step in steps:
         buffer.add(
             np.array([step.number, 0], np.float32),
@@ -41,6 +41,7 @@ def feed(buffer, steps):
             step.terminated,
             step.truncated,
             step.imitated,
+            env_index,
         )
 
 
@@ -126,8 +127,8 @@ def test_the_steps_of_two_environments_do_not_mix(first, second, n):
     ]
     ring = buffer(n_step=n, buffer_size=200)
     for pair in zip_longest(*lanes):
-        for ring.env_index, step in enumerate(pair):
-            feed(ring, [] if step is None else [step])
+        for env_index, step in enumerate(pair):
+            feed(ring, [] if step is None else [step], env_index)
     found = stored(ring, 200)
     assert [s for s in found if s[0][0] < 1000] == expected_samples(lanes[0], n)
     assert [s for s in found if s[0][0] >= 1000] == expected_samples(lanes[1], n)

@@ -14,9 +14,8 @@ from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground_model import comparisons_of
 from serp.planning.forecast import Bound
-from serp.planning.goal_search import GoalSearch
+from serp.planning.goal_search import GoalSearch, relaxed
 from serp.planning.inert import inert_fluents
-from serp.planning.relaxation import relaxed
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.worlds import text
