@@ -15,11 +15,11 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import LearnerProposer, StatefulPlanner, undisturbed
+from serp.agent.protocols import LearnerProposer, Stateful, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
-from serp.agent.veto import NoVeto, VetoPolicy
+from serp.agent.veto import VetoPolicy
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
@@ -114,9 +114,8 @@ class Agent:
         )
         self.arbiter = self.guarded
         if baseline:
-            self.arbiter = Arbiter(
-                planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
-            )
+            vetoes = VetoPolicy(actions, settings.arbiter, refuses=False)
+            self.arbiter = Arbiter(planner, actions, settings.arbiter, strategy, vetoes=vetoes)
         self.learner = make_learner(
             task.observation_size + len(task.model.fluents),
             task.actions.size,
@@ -220,12 +219,12 @@ class Agent:
             episode: Number of its episode, where several run at the same time.
         """
         vetoes, on_notice = self.arbiter.vetoes, self.task.on_notice
-        relied_on = vetoes.lookahead_reliable
+        relied_on = vetoes.reliability.reliable
         if vetoes.observe(step):
             self.adaptation.reset_visits()
-        if relied_on and not vetoes.lookahead_reliable and on_notice is not None:
+        if relied_on and not vetoes.reliability.reliable and on_notice is not None:
             on_notice(
-                f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
+                f"{vetoes.reliability} something unsafe happened that was avoidable by the "
                 "domain file. From now on vetoes use only its prediction of the next step. Check "
                 "the effects of its actions."
             )
@@ -251,7 +250,7 @@ class Agent:
 
         This is for a single environment whose episode is not gone on with.
         """
-        self.arbiter.vetoes.cut_off()
+        self.arbiter.vetoes.reliability.cut_off()
         self.adaptation.experience.cut_off()
         self._waiting.clear()
 
@@ -279,7 +278,7 @@ class Agent:
             "arbiter": self.arbiter.state_dict(),
             "random": self._random.bit_generator.state,
         }
-        if isinstance(self.arbiter.planner, StatefulPlanner):
+        if isinstance(self.arbiter.planner, Stateful):
             planner, meta["planner"] = self.arbiter.planner.state_dict()
             saved |= nested("planner", planner)
         return saved, meta
@@ -294,7 +293,7 @@ class Agent:
         self.learner.load_state_dict(*saved.part("learner"))
         self.adaptation.load_state_dict(*saved.part("adaptation"))
         self.arbiter.load_state_dict(saved.part("arbiter")[1])
-        if isinstance(self.arbiter.planner, StatefulPlanner):
+        if isinstance(self.arbiter.planner, Stateful):
             self.arbiter.planner.load_state_dict(*saved.part("planner"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 

@@ -88,19 +88,15 @@ def between(runner_up: RunnerUp, name: str) -> str:
 
 def lesser(other: RunnerUp) -> str:
     """Say, to follow its name, why the planner prefers the action taken to another one."""
+    taken, own = map(percent, other.path_risks)
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
         "delay": "which is worth as much, but puts that off",
         "rank": "which is less safe one step ahead, whatever it gains",
-        "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
+        "risk": f"whose path has more risk ({own} against {taken}), whatever it gains",
         "safe steps": "whose path stays safe for less long, whatever it gains",
     }[other.by]
-
-
-def _risks(other: RunnerUp) -> str:
-    taken, own = map(percent, other.path_risks)
-    return f" ({own} against {taken})"
 
 
 def special_about(forecast: Forecast) -> list[str]:

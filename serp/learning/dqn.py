@@ -97,16 +97,6 @@ class DQN:
         start, done = 0.1 if self.imitates else 1.0, self.env_steps / settings.epsilon_steps
         return start + (settings.epsilon_end - start) * done
 
-    def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
-
-        It is the mean of the members.
-
-        Raises:
-            ValueError: The input has another shape.
-        """
-        return self.learning.online.q(x)
-
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
     ) -> Proposal:

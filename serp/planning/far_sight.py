@@ -18,7 +18,7 @@ from serp.planning.cell_graph import CellGraph
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.forecast import Bound, Forecast, score_of
 from serp.planning.goal_search import GoalSearch
-from serp.planning.lookahead import Lookahead, lookahead_nodes
+from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
 
@@ -64,8 +64,7 @@ class FarSightPlanner:
         self.goal_search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings)
         self._lookahead = Lookahead(model, settings)
-        actions = len(model.actions)
-        self._followed = lookahead_nodes(settings, actions, len(model.fluents)) * actions
+        self._followed = self._lookahead.followed
         self._revision = model.revision
         self._new_episode = True
         self._checked: Vector | None = None

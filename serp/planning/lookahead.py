@@ -25,17 +25,13 @@ _WORTH = 500
 """Most edges of a search from which on threads save time; so many take about 0.1 ms."""
 
 
-def node_budget(max_nodes: int, actions: int) -> int:
-    """Return the most nodes to expand, with `actions` edges at each."""
-    return max(1, min(max_nodes, MAX_EDGES // max(1, actions)))
-
-
-def lookahead_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
+def _most_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
     """Return the most nodes that a lookahead expands: the budget, or the whole tree if smaller.
 
     Every node but the root has an edge that leads to it.
     """
-    budget = min(node_budget(settings.max_nodes, actions), edge_budget(fluents) + 1)
+    by_edges = min(MAX_EDGES // max(1, actions), edge_budget(fluents) + 1)
+    budget = max(1, min(settings.max_nodes, by_edges))
     tree, layer = 0, 1
     for _ in range(settings.depth):
         tree += layer
@@ -79,7 +75,7 @@ class Lookahead:
         self.settings = settings or PlannerSettings()
         self.leaves: _core.CellValues | None = None
         self._width, actions = len(model.fluents), len(model.actions)
-        nodes = lookahead_nodes(self.settings, actions, self._width)
+        nodes = _most_nodes(self.settings, actions, self._width)
         self.followed = self._most = nodes * actions
         self._core = _core.Lookahead(
             model.core, self.settings.depth, self.settings.discount, self.settings.accepted_risk,

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, RISK_UNIT, RISKY, UNSAFE, risk_units
+from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risk_of
 
 PathScore = tuple[int, float, int, float]
 """The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
@@ -25,9 +25,7 @@ PathScore = tuple[int, float, int, float]
 
 def step_risk(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
-    risk = risk_units(flags) * RISK_UNIT
-    if flags & UNSAFE:
-        return 1.0
+    risk = risk_of(flags)
     return risk if risk > accepted else 0.0
 
 

@@ -158,13 +158,6 @@ class Task:
     counters: Sequence[str] = ()
     description: str = ""
 
-    def __post_init__(self) -> None:
-        planners = self.planners
-        if not isinstance(planners, Mapping) or not all(map(callable, planners.values())):
-            raise TaskError(
-                f"task: planners must be a mapping {{name: function}}, not {planners!r}"
-            )
-
     @property
     def closed(self) -> bool:
         """Whether the environment keeps to states that can be reached from the problem's `:init`.

@@ -58,7 +58,7 @@ def cases():
 def test_the_record_tells_what_happened(cases):
     for arbiter, view, _, decision in cases:
         settings = arbiter.settings
-        assert decision.rho == arbiter.rho == settings.rho
+        assert decision.rho == arbiter.strategy.rho == settings.rho
         assert decision.admissible.tolist() == view.admissible(settings)
         if view.applicable[decision.action]:
             assert decision.predicted_reward == view.reward[decision.action]

@@ -27,7 +27,7 @@ def live(agent, rng, steps):
         x, next_x = rng.standard_normal((2, F)).astype(np.float32)
         proposal = agent.propose(x, rng.random(A) < 0.5)
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
-        said.append(agent.q_values(x).tolist())
+        said.append(agent.learning.online.q(x).tolist())
         action = int(rng.integers(A))
         imitated = int(rng.integers(-1, A)) if agent.imitates else -1
         end = rng.random(2) < 0.1

@@ -69,26 +69,26 @@ def test_q_is_the_same_of_one_of_many_and_exported(options):
     agent = learner(**options)
     live(agent, np.random.default_rng(0), 40)
     x = np.random.default_rng(1).standard_normal((6, F)).astype(np.float32)
-    q = agent.q_values(x)
+    q = agent.learning.online.q(x)
     assert q.shape == (6, A) and q.dtype == np.float32 and q.std(axis=0).min() > 0.0
     exported = onnxruntime.InferenceSession(agent.as_onnx())
     for how in (
-        np.stack([agent.q_values(row) for row in x]),
+        np.stack([agent.learning.online.q(row) for row in x]),
         np.stack([exported.run(None, {"x": row})[0] for row in x]),
     ):
         np.testing.assert_allclose(q, how, rtol=1e-4, atol=1e-5)
     # Whatever the type and the layout; and the caller's own.
     kept = q.copy()
-    np.testing.assert_array_equal(agent.q_values(x.astype(np.float64)), q)
-    np.testing.assert_array_equal(agent.q_values(np.asfortranarray(x)), q)
-    agent.q_values(-x)
+    np.testing.assert_array_equal(agent.learning.online.q(x.astype(np.float64)), q)
+    np.testing.assert_array_equal(agent.learning.online.q(np.asfortranarray(x)), q)
+    agent.learning.online.q(-x)
     np.testing.assert_array_equal(q, kept)
 
 
 @pytest.mark.parametrize("shape", [(), (F + 1,), (2, F - 1), (1, 1, F)])
 def test_an_input_of_another_shape_is_refused(shape):
     agent = learner(**GREEDY)
-    for method in (agent.q_values, agent.propose_greedily, agent.propose):
+    for method in (agent.learning.online.q, agent.propose_greedily, agent.propose):
         with pytest.raises(ValueError, match="must have shape"):
             method(np.zeros(shape, np.float32))
     with pytest.raises(ValueError, match="must have shape"):

@@ -62,6 +62,6 @@ def test_learns_the_optimal_q(recipe):
     agent = DQN(STATES, ACTIONS, LearnerSettings(**given, **RECIPES[recipe]), 1, discount=DISCOUNT)
     experience(agent, 300, np.random.default_rng(0))
     agent.pretrain(1500)
-    np.testing.assert_allclose(agent.q_values(INPUTS), optimal_q(), atol=0.08)
+    np.testing.assert_allclose(agent.learning.online.q(INPUTS), optimal_q(), atol=0.08)
     greedy = [agent.propose_greedily(x).action for x in INPUTS]
     assert greedy == optimal_q().argmax(axis=1).tolist()

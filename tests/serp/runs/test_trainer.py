@@ -95,11 +95,11 @@ def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path):
         assert row.learner_steps == 0
         assert row.planner_steps == row.vetoes == row.length - row.exploration_steps
         assert row.unsafe_executed == 0
-        assert arbiter.rho == 0.0
+        assert arbiter.strategy.rho == 0.0
     assert learner.updates == trainer.settings.training.random_steps
     row = trainer.run_episode()
     assert row.planner_steps == row.length  # rho is 0
-    assert arbiter.rho == 0.05
+    assert arbiter.strategy.rho == 0.05
     assert learner.updates == trainer.settings.training.random_steps + row.length
 
 
