@@ -31,11 +31,6 @@ def kind_of_return(partial: bool) -> str:
     return "partial return" if partial else "best return"
 
 
-def line_of_cause(cause: Cause) -> str:
-    """Return a cause as a line."""
-    return line_of_run([[cause]])
-
-
 def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     """Return what is behind an alternative, now and ahead, a line for each schema of the file.
 
@@ -184,7 +179,7 @@ def why_refused(
     wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
     for cause in causes:
         if cause.what in wanted:
-            text = line_of_cause(cause).rstrip(".")
+            text = line_of_run([[cause]]).rstrip(".")
             known = ("unsafe", "not applicable", "no defined result")
             shorter = [text.removeprefix(begin) for begin in known if text.startswith(begin)]
             return shorter[0] if shorter else f": {text}"

@@ -146,13 +146,13 @@ class RolloutEnv:
         self.episode, self.seed, self.random = episode, seed, random
         self.rollout, self.decision, self.losses = None, None, []
         if isinstance(self.task, RemoteTask):
-            self.task.begin_reset(seed)
+            self.task.begin("reset", seed)
 
     def execute(self, decision: Decision) -> None:
         """Take a decision; an environment in another process begins to execute it."""
         self.decision = decision
         if isinstance(self.task, RemoteTask):
-            self.task.begin_step(decision.action)
+            self.task.begin("step", decision.action)
 
 
 @contextlib.contextmanager

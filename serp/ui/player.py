@@ -17,7 +17,7 @@ from serp._util.terminal import visible
 from serp._util.text import plural, readable
 from serp.agent.causes import Cause
 from serp.agent.chosen_planner import ChosenPlanner
-from serp.agent.sentences import line_of_cause, signed
+from serp.agent.sentences import line_of_run, signed
 from serp.authoring.play import FluentChange, Game, GameStep
 from serp.authoring.scenarios.checking import Decider
 from serp.authoring.scenarios.files import add_situation, scenarios_beside
@@ -26,8 +26,8 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import Settings
 from serp.tasks.task import Task
+from serp.ui.account import print_plan
 from serp.ui.asked import parse_state
-from serp.ui.decision import print_plan
 from serp.ui.output import print_table
 
 HELP: Final = (
@@ -221,7 +221,7 @@ class Player:
         print_table(console, ("", "", "", ""), [("  ", *row) for row in rows])
         for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
-            console.print(f"   {line_of_cause(cause)}", style=style)
+            console.print(f"   {line_of_run([[cause]])}", style=style)
         if moment.over:
             console.print("The episode is over. r: restart, u: undo", style="bold")
 

@@ -88,7 +88,7 @@ def command(
     plans with, whatever that has learned.
     """
     from serp.agent.sentences import lines_of_changes
-    from serp.ui.decision import describe, print_plan
+    from serp.ui.account import describe, print_plan
 
     loaded = None if run is None else _opened(run)
     if loaded is None:

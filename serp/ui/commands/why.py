@@ -71,7 +71,7 @@ def command(
 def _print(console: Console, run: RunModel, account: StepAccount) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
-    from serp.ui.decision import print_account
+    from serp.ui.account import print_account
 
     because = f" ({account.because})" if account.because else ""
     console.print(f"{run.domain.name}, {heading(account)}{because}", style="bold")

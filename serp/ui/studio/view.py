@@ -23,7 +23,7 @@ from serp.pddl.source import DomainError, Source
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from serp.tasks.task import Task
-from serp.ui.decision import best_of
+from serp.ui.account import best_of
 from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]

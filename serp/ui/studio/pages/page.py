@@ -8,7 +8,7 @@ from nicegui import ui
 
 from serp._util.figures import PALETTE
 from serp.ui.studio.document import Document
-from serp.ui.studio.pages.decision import DecisionPane
+from serp.ui.studio.pages.decision_pane import DecisionPane
 from serp.ui.studio.pages.editor import EditorPane, FindingsPane
 from serp.ui.studio.pages.live import Live
 from serp.ui.studio.pages.situation import ScenePane
