@@ -196,7 +196,7 @@ class Agent:
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
         action = int(self._random.integers(self.task.actions.size))
-        return self.arbiter.judge_proposal(state, Proposal(action, True, None))
+        return self.arbiter.judge_proposal(state, Proposal(action, True))
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""

@@ -23,7 +23,7 @@ from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
-from serp.learning.replay import ReplayBuffer, type_F32
+from serp.learning.replay import ReplayBuffer
 from serp.settings import LearnerSettings
 
 
@@ -33,12 +33,10 @@ class Proposal(NamedTuple):
     Attributes:
         action: Index of the action.
         exploratory: Whether it was drawn at random.
-        q: Q-values ``[A]`` of a greedy choice; None if it was drawn at random.
     """
 
     action: int
     exploratory: bool
-    q: type_F32 | None
 
 
 class DQN:
@@ -115,14 +113,13 @@ class DQN:
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
-        return Proposal(int(actions[rng.integers(len(actions))]), True, None)
+        return Proposal(int(actions[rng.integers(len(actions))]), True)
 
     def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
         """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self.learning.online.q(x)
-        return Proposal(best_of(q), False, q)
+        return Proposal(best_of(self.learning.online.q(x)), False)
 
     def remember(
         self,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
+from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.preference import PathScore, path_score, rank_of
 
 SAFE = 1 << 30
@@ -80,16 +80,6 @@ class Forecast(NamedTuple):
     def unsafe(self) -> NDArray[np.bool_]:
         """`[A]` whether the file flags the action."""
         return (self.flags & UNSAFE).astype(np.bool_)
-
-    @property
-    def risk(self) -> NDArray[np.float64]:
-        """`[A]` predicted probability, in [0, 1], that one control period is unsafe."""
-        return risks_of(self.flags)
-
-    @property
-    def terminal(self) -> NDArray[np.bool_]:
-        """`[A]` whether the action is predicted to end the task."""
-        return (self.flags & TERMINAL).astype(np.bool_)
 
     @property
     def safe(self) -> bool:

@@ -130,7 +130,7 @@ class _Asked:
     def propose_greedily(self) -> Proposal:
         """Propose any action."""
         self.asked = True
-        return Proposal(0, False, None)
+        return Proposal(0, False)
 
 
 class _Turn(NamedTuple):
@@ -197,7 +197,7 @@ class ArbitratedEnv(TaskEnv):
         decision, asked = self._whose_turn(rollout)
         self._turn = None
         if asked:
-            proposal = Proposal(action, False, None)
+            proposal = Proposal(action, False)
             decision = self._agent.arbiter.exchange(decision, rollout.state, proposal)
         self._last = decision, rollout.state
         return decision

@@ -88,12 +88,11 @@ class Table:
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
-        return serp.Proposal(int(self._random.choice(actions)), True, None)
+        return serp.Proposal(int(self._random.choice(actions)), True)
 
     def propose_greedily(self, x: Any) -> serp.Proposal:
         """Propose the best action."""
-        q = self._values(x)
-        return serp.Proposal(int(q.argmax()), False, q.astype(np.float32))
+        return serp.Proposal(int(self._values(x).argmax()), False)
 
     def remember(
         self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,

@@ -225,7 +225,7 @@ class ExternalEnv(TaskEnv):
 
     def decide(self, rollout: Rollout, action: int) -> Decision:
         """Execute the action, whatever it is."""
-        return self._agent.guarded.execute(rollout.state, Proposal(action, False, None))
+        return self._agent.guarded.execute(rollout.state, Proposal(action, False))
 
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Report the step; the info is the task's."""
@@ -274,7 +274,7 @@ class _ExternalLearner(NamedTuple):
                 raise ValueError(
                     f"act returned {chosen!r}; one whole number 0 ... {self.actions - 1} is wanted"
                 )
-            return Proposal(int(chosen[0]), False, None)
+            return Proposal(int(chosen[0]), False)
 
 
 def _train_external(

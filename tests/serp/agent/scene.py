@@ -42,7 +42,7 @@ class Known:
         return self.propose_greedily()
 
     def propose_greedily(self):
-        return Proposal(int(self.q.argmax()), False, self.q)
+        return Proposal(int(self.q.argmax()), False)
 
 
 def learner_acts(strategy):

@@ -142,7 +142,7 @@ def test_plan_and_judge_proposal_do_not_draw():
     arbiter = two(rho=0.5)
     before = arbiter.state_dict()
     assert arbiter.plan(STATE).reason is Reason.PLANNER_TURN
-    assert arbiter.judge_proposal(STATE, Proposal(1, False, None)).reason is Reason.ACCEPTED
+    assert arbiter.judge_proposal(STATE, Proposal(1, False)).reason is Reason.ACCEPTED
     assert arbiter.state_dict() == before
 
 

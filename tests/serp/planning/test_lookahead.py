@@ -12,7 +12,7 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.model.flags import RISKY, UNSAFE
+from serp.model.flags import RISKY, TERMINAL, UNSAFE
 from serp.planning.forecast import SAFE, Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk, rank_of
@@ -81,7 +81,7 @@ def assert_as_by_recursion(reference, state, planned):
         outcome, flags = model.step(state, action), int(forecast.flags[action])
         assert forecast.reward[action] == outcome.reward
         assert forecast.unsafe[action] == outcome.unsafe
-        assert forecast.terminal[action] == outcome.terminal
+        assert bool(flags & TERMINAL) == outcome.terminal
         assert arc.rank == (2 if flags & UNSAFE else 1 if flags & RISKY else 0)
 
 
