@@ -250,12 +250,6 @@ Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
     return result_of(lookahead.forecast(state.data(), leaves));
 }
 
-ForecastTuple check_safety(Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
-    check_width(lookahead, state.size(), nullptr);
-    LookaheadForecast of = lookahead.check_safety(state.data());
-    return forecast_tuple(std::move(of.first), of.depth, of.bound);
-}
-
 std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
                                    const CellValues* leaves, int threads) {
     check_width(lookahead, states.shape(1), leaves);
@@ -286,8 +280,9 @@ void bind_lookahead(nb::module_& module) {
             nb::arg("max_nodes"), nb::arg("max_edges"), nb::keep_alive<1, 2>())
         .def("forecast", &forecast, nb::arg("state"), nb::arg("leaves").none(),
              "Return the fields of a `Forecast` for a state [F], and the edges followed for it.")
-        .def("check_safety", &check_safety, nb::arg("state"),
-             "Return the fields of a `Forecast` that says only which actions are safe.")
+        .def("check_safety", [](Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
+                return result_of(lookahead.check_safety(state_of(state, lookahead.width())));
+            }, nb::arg("state"), "Return what says only which actions are safe, as `forecast` does.")
         .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
              nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
         .def("paths", &paths_of,

@@ -137,5 +137,5 @@ class Lookahead:
         NaN, and no action is chosen. None where a few edges, depth-first, do not find a path
         without risk by every action that has no risk of its own.
         """
-        forecast = forecast_of(self._core.check_safety(self._checked(state)))
+        forecast = forecast_of(self._core.check_safety(self._checked(state))[0])
         return forecast if forecast.bound is Bound.SAFETY else None

@@ -15,6 +15,7 @@ from serp.tasks.environment import BoundTask
 from serp.tasks.remote_task import RemoteTask
 from serp.tasks.spaces import single
 from serp.tasks.task import Judge
+from serp.tasks.wrapper_state import has_statistics
 
 TakeIn = Callable[[Vector, Vector], tuple[Vector, Vector]]
 """(flat observation, state) → (state, input of the learner)."""
@@ -168,7 +169,7 @@ def rollout_envs(task: BoundTask, count: int) -> Iterator[list[RolloutEnv]]:
     if count == 1:
         yield [RolloutEnv(0, task)]
         return
-    if task.has_statistics:
+    if has_statistics(task.env):
         raise SettingsError(
             f"training.num_envs is {count}, but a wrapper of the environment keeps running "
             "statistics (as NormalizeObservation does), which would differ from one environment "

@@ -240,11 +240,6 @@ class BoundTask(Closing):
 
     # State across episodes ---------------------------------------------------------------------
 
-    @property
-    def has_statistics(self) -> bool:
-        """Whether a layer of the environment keeps running statistics."""
-        return wrapper_state.has_statistics(self.env)
-
     def environment_state(self) -> dict[str, Any]:
         """Return what the layers of the environment keep across episodes, as JSON values."""
         try:
