@@ -13,7 +13,6 @@ void bind_closed_graph(Module&);
 void bind_cell_graph(Module&);
 void bind_goal_search(Module&);
 void bind_network(Module&);
-void bind_replay(Module&);
 void bind_q_learning(Module&);
 
 }  // namespace serp
@@ -25,11 +24,10 @@ NB_MODULE(_core, module) {
     serp::bind_adapted_model(module);
     serp::bind_residual(module);
     serp::bind_outcome_counts(module);
+    serp::bind_cell_graph(module);
     serp::bind_lookahead(module);
     serp::bind_closed_graph(module);
-    serp::bind_cell_graph(module);
     serp::bind_goal_search(module);
     serp::bind_network(module);
-    serp::bind_replay(module);
     serp::bind_q_learning(module);
 }

@@ -235,9 +235,9 @@ class LearnerSettings(Section):
     """Gradient updates per env step; 0.5 is one in every second step."""
     target_polyak: Annotated[float, Field(gt=0, le=1)] | None = 0.005
     """Fraction by which the target network moves towards the network after every gradient update.
-    The network chooses the next action among the admissible ones, the target network estimates its
-    value (double DQN, arXiv 1509.06461), which is clipped to the range of possible returns, and so
-    is the norm of a gradient, to 10. None: the paper's equation 3, without all of this."""
+    The network chooses the next action, the target network estimates its value (double DQN, arXiv
+    1509.06461). The norm of a gradient is clipped to 10. None: the paper's equation 3, without all
+    of this."""
     n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
     """n of n-step returns: rewards summed before the estimated value of a later state."""
     epsilon_end: Probability = 0.05

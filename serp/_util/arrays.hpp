@@ -8,6 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
+#include <stdexcept>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -65,6 +67,13 @@ void bind_view(nb::class_<Class>& bound, const char* name, Block<Number> Class::
             return Array<Number>(of.data(), of.shape.size(), of.shape.data(), self.h);
         },
         nb::rv_policy::reference);
+}
+
+/// Returns the numbers of a state [F]; throws std::invalid_argument where it has others than F.
+inline const double* state_of(const In<double, nb::ndim<1>>& state, size_t fluents) {
+    if (state.size() != fluents)
+        throw std::invalid_argument("a state has " + std::to_string(fluents) + " numbers");
+    return state.data();
 }
 
 /// Returns a copy of an array as a vector.

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import functools
 import sys
+import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from pathlib import Path
+from typing import Final
 
 from serp._util.did_you_mean import did_you_mean
 from serp.errors import SerpError
@@ -68,6 +71,22 @@ def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[
             f"{what} `{entry.name}` ({entry.value}) cannot be loaded: "
             f"{type(error).__name__}: {error}"
         ) from error
+
+
+_SERP: Final = str(Path(__file__).parents[1])
+
+
+def raised(error: BaseException) -> str:
+    """Return what an exception of a user's code says, and the line of that code which raised it."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.msg} ({error.filename}:{error.lineno}:{error.offset})"
+    message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(_SERP) and "importlib" not in frame.filename
+    ]
+    return f"{message} ({frames[-1].filename}:{frames[-1].lineno})" if frames else message
 
 
 def first_line(implementation: object) -> str:

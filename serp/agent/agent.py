@@ -15,11 +15,11 @@ from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Decision
-from serp.agent.protocols import LearnerProposer, Mask, StatefulPlanner, undisturbed
+from serp.agent.protocols import LearnerProposer, Stateful, undisturbed
 from serp.agent.registry import find_learner, find_strategy, make_planner
 from serp.agent.step_record import StepRecord
 from serp.agent.strategy import Strategy
-from serp.agent.veto import NoVeto, VetoPolicy
+from serp.agent.veto import VetoPolicy
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.learned.adaptation import ModelAdaptation
@@ -27,7 +27,8 @@ from serp.model.transition_model import Vector
 from serp.planning.forecast import SAFE
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
-from serp.tasks.task import BoundTask, reward_source
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import reward_source
 
 MIN_VISITS = 4
 """In training, a planner prefers actions that were observed fewer times."""
@@ -112,9 +113,8 @@ class Agent:
         )
         self.arbiter = self.guarded
         if baseline:
-            self.arbiter = Arbiter(
-                planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
-            )
+            vetoes = VetoPolicy(actions, settings.arbiter, refuses=False)
+            self.arbiter = Arbiter(planner, actions, settings.arbiter, strategy, vetoes=vetoes)
         inputs = task.observation_size + len(task.model.fluents)
         if not inputs:
             raise TaskError(
@@ -201,7 +201,7 @@ class Agent:
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
         action = int(self._random.integers(self.task.actions.size))
-        return self.arbiter.judge_proposal(state, Proposal(action, True, None))
+        return self.arbiter.judge_proposal(state, Proposal(action, True))
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
@@ -224,12 +224,12 @@ class Agent:
             episode: Number of its episode, where several run at the same time.
         """
         vetoes, on_notice = self.arbiter.vetoes, self.task.on_notice
-        relied_on = vetoes.lookahead_reliable
+        relied_on = vetoes.reliability.reliable
         if vetoes.observe(step):
             self.adaptation.reset_visits()
-        if relied_on and not vetoes.lookahead_reliable and on_notice is not None:
+        if relied_on and not vetoes.reliability.reliable and on_notice is not None:
             on_notice(
-                f"{vetoes.lookahead_failures} something unsafe happened that was avoidable by the "
+                f"{vetoes.reliability} something unsafe happened that was avoidable by the "
                 "domain file. From now on vetoes use only its prediction of the next step. Check "
                 "the effects of its actions."
             )
@@ -254,20 +254,15 @@ class Agent:
 
         This is for a single environment whose episode is not gone on with.
         """
-        self.arbiter.vetoes.cut_off()
+        self.arbiter.vetoes.reliability.cut_off()
         self._waiting.clear()
 
-    def remember(self, step: StepRecord, following: Decision | None) -> None:
-        """Store an env step to be learned from; `following`, if any, is the next decision."""
+    def remember(self, step: StepRecord) -> None:
+        """Store an env step to be learned from."""
         decision = step.decision
-        allowed: Mask | None = None
-        if following is not None:
-            allowed = following.admissible
-        elif not step.terminated:
-            allowed = self.arbiter.admissible(step.next_state)
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
-            allowed, self.strategy.imitated(decision.forecast),
+            self.strategy.imitated(decision.forecast),
         )  # fmt: skip
 
     def learn(self) -> float | None:
@@ -286,7 +281,7 @@ class Agent:
             "arbiter": self.arbiter.state_dict(),
             "random": self._random.bit_generator.state,
         }
-        if isinstance(self.arbiter.planner, StatefulPlanner):
+        if isinstance(self.arbiter.planner, Stateful):
             planner, meta["planner"] = self.arbiter.planner.state_dict()
             saved |= nested("planner", planner)
         return saved, meta
@@ -301,7 +296,7 @@ class Agent:
         self.learner.load_state_dict(*saved.part("learner"))
         self.adaptation.load_state_dict(*saved.part("adaptation"))
         self.arbiter.load_state_dict(saved.part("arbiter")[1])
-        if isinstance(self.arbiter.planner, StatefulPlanner):
+        if isinstance(self.arbiter.planner, Stateful):
             self.arbiter.planner.load_state_dict(*saved.part("planner"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 

@@ -10,14 +10,14 @@ from typing import ClassVar
 from serp._util.saved_state import Declared, Reader, part
 from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.explanation import Alternative, explain
-from serp.agent.protocols import Mask, Planner, Proposer
+from serp.agent.protocols import Planner, Proposer
 from serp.agent.sentences import why_refused
 from serp.agent.strategy import Mixture, Situation, Strategy
 from serp.agent.veto import VetoPolicy
 from serp.learning.dqn import Proposal
 from serp.model.flags import RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.settings import ArbiterSettings, Settings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
@@ -31,7 +31,7 @@ class Arbiter(Declared):
     actions that are not flagged, none whose predicted risk is larger than accepted is executed
     while one whose risk is accepted is applicable. An action whose result is undefined does not
     count as safe: it is executed only if all others are flagged or certain to do damage. The
-    guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
+    guarantee needs a `VetoPolicy` that refuses.
 
     Args:
         planner: Makes the forecasts, usually a `Lookahead`.
@@ -67,11 +67,6 @@ class Arbiter(Declared):
         """The transition model."""
         return self.actions.model
 
-    @property
-    def rho(self) -> float:
-        """The probability that the learner makes the next proposal."""
-        return self.strategy.rho
-
     def forecast(self, state: Vector) -> ActionForecast:
         """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
@@ -88,10 +83,6 @@ class Arbiter(Declared):
             return context
         return nullcontext()
 
-    def admissible(self, state: Vector) -> Mask:
-        """Return `[E]` what no veto refuses in a state `[F]`."""
-        return self._situation(state).admissible
-
     def decide(self, state: Vector, learner: Proposer) -> Decision:
         """Decide on the action in a monitored state `[F]`, as in training."""
         situation = self._situation(state, plan=self.strategy.needs_plan())
@@ -101,7 +92,7 @@ class Arbiter(Declared):
             preferred, planner = self._exploration_bonus(forecast), Actor.PLANNER
             action = preferred.choice
             if preferred is not forecast and action >= 0 and forecast.safe[action]:
-                reason, rho = Reason.LITTLE_TRIED, self.rho
+                reason, rho = Reason.LITTLE_TRIED, self.strategy.rho
                 return Decision(action, planner, reason, action, planner, rho, *situation.record)
         return self._follow(situation, proposal)
 
@@ -152,12 +143,12 @@ class Arbiter(Declared):
         action = int(proposal.action)
         if situation.admissible[action]:
             return self._accept(situation, proposal)
-        refusal = self.vetoes.why_refused(situation.forecast, action)
+        refusal = self.vetoes.reason_against(situation.forecast, action)
         return self._planner_acts(situation, action, _proposer(proposal), refusal)
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
-        actor, action = _proposer(proposal), int(proposal.action)
-        return Decision(action, actor, Reason.ACCEPTED, action, actor, self.rho, *situation.record)
+        actor, action, rho = _proposer(proposal), int(proposal.action), self.strategy.rho
+        return Decision(action, actor, Reason.ACCEPTED, action, actor, rho, *situation.record)
 
     def _planner_acts(
         self, situation: Situation, proposed: int, proposed_by: Actor, reason: Reason
@@ -176,7 +167,7 @@ class Arbiter(Declared):
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
         return Decision(
-            action, executed_by, reason, proposed, proposed_by, self.rho, *situation.record
+            action, executed_by, reason, proposed, proposed_by, self.strategy.rho, *situation.record
         )
 
     def _fallback(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
@@ -187,7 +178,7 @@ class Arbiter(Declared):
         the proposed action is preferred.
         """
         unpredicted = (forecast.flags & (UNDEFINED | UNSAFE)) == UNDEFINED
-        kinds = [self.vetoes.available, unpredicted]
+        kinds = [self.vetoes.allowed_unknown, unpredicted]
         if otherwise < 0:
             kinds.append((forecast.flags == 0) & self.actions.modelled)
         for kind in kinds:

@@ -158,10 +158,7 @@ def changes_passed(
     model: TransitionModel, state: Vector, passages: Sequence[Passage]
 ) -> dict[int, list[Cause]]:
     """Return position of a fluent → what changed it in a step that was traced, in order."""
-    found: dict[int, list[Cause]] = {}
-    for fluent, cause in _Tracing(model, state.tolist(), passages).changes():
-        found.setdefault(fluent, []).append(cause)
-    return found
+    return _Tracing(model, state.tolist(), passages).changes()
 
 
 def location_of(place: Place) -> Location:
@@ -209,8 +206,9 @@ class _Tracing:
         if flags & APPLICABLE and self._exact:
             yield from self._of_problem(reward, gained, flags, after)
 
-    def changes(self) -> Iterator[tuple[int, Cause]]:
-        """Yield the position of a fluent, and what changed it."""
+    def changes(self) -> dict[int, list[Cause]]:
+        """Return position of a fluent → what changed it, in order."""
+        found: dict[int, list[Cause]] = {}
         for k, passage in enumerate(self._passages):
             effect, schema = passage.site.item, passage.site.schema
             if not isinstance(effect, g.SetBoolean | g.SetNumber) or schema is None:
@@ -220,7 +218,9 @@ class _Tracing:
             before = self._passages[k - 1].values if k else self._state
             amount = passage.values[effect.target] - before[effect.target]
             if amount != 0.0:
-                yield effect.target, self._of_effect("change", amount, schema, effect, k)
+                cause = self._of_effect("change", amount, schema, effect, k)
+                found.setdefault(effect.target, []).append(cause)
+        return found
 
     def _of_effect(
         self,

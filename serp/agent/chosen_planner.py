@@ -15,9 +15,7 @@ from serp.agent.protocols import Planner
 from serp.agent.registry import make_planner, refuse_unknown_names
 from serp.agent.sentences import TO_THE_UNKNOWN
 from serp.model.transition_model import Outcome, TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import Forecast
-from serp.planning.lookahead import Lookahead
+from serp.planning.forecast import Bound, Forecast
 from serp.planning.plan_follower import PlanFollower
 from serp.planning.replanner import MonitorReplanner, Plan, PlannedStep
 from serp.settings import PlannerSettings, Settings
@@ -37,7 +35,7 @@ class ChosenPlanner:
         settings: Its settings.
         name: Its name in messages.
         undisturbed: Makes a context at whose end the planner is as it was before.
-        seconds: Time that a plan, or a search for other choices, may take.
+        seconds: Time that paths, or a search for other choices, may take.
 
     Attributes:
         lookahead: The lookahead of the same model and settings.
@@ -52,7 +50,7 @@ class ChosenPlanner:
         undisturbed: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext,
         seconds: float = 10.0,
     ) -> None:
-        self.lookahead = MonitorReplanner(model, settings, time_budget=seconds)
+        self.lookahead = MonitorReplanner(model, settings)
         self.model, self.settings, self.name = model, settings, name
         self._planner, self._seconds, self._undisturbed = planner, seconds, undisturbed
 
@@ -77,8 +75,6 @@ class ChosenPlanner:
     def plan(self, state: Vector) -> Plan:
         """Plan from an observed state `[F]`; the planner is then as it was before."""
         near = self.lookahead.plan(state)
-        if isinstance(self._planner, Lookahead):
-            return near
         with self._undisturbed():
             forecast = self.forecast(state)
             columns = zip(forecast, near.forecast, strict=True)
@@ -167,7 +163,6 @@ class ChosenPlanner:
         why = {
             Bound.CELLS: " Values of cells stand for what lies beyond.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
-            Bound.TIME: " The time budget ended the lookahead.",
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
         }.get(plan.bound, "")
         return f"{self.name} looked ahead {plural(plan.depth, 'action')}{states}, {discount}.{why}"

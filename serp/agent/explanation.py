@@ -17,8 +17,8 @@ from serp._util.text import percent, plural
 from serp.agent.causes import Cause, causes_of, why_not_applicable
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import SAFE, Forecast
-from serp.planning.preference import PathScore, path_score, rank_of
+from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.preference import path_score
 from serp.tasks.action_map import ActionForecast
 
 By = Literal["rank", "risk", "safe steps", "value", "delay", "order"]
@@ -51,7 +51,7 @@ def compared(
     predicted: Forecast | ActionForecast, names: Sequence[str], chosen: int, other: int
 ) -> RunnerUp:
     """Return another action beside the one taken, as if it were the best other one."""
-    own, others = _score(predicted, chosen), _score(predicted, other)
+    own, others = score_of(predicted, chosen), score_of(predicted, other)
     if not int(predicted.flags[chosen]) & APPLICABLE:
         own = path_score(3, 1.0, -1, -np.inf)
     of_score: tuple[By, ...] = ("rank", "risk", "safe steps", "value")  # see `PathScore`
@@ -63,11 +63,6 @@ def compared(
         by = "delay"
     risks = float(predicted.path_risk[chosen]), float(predicted.path_risk[other])
     return RunnerUp(other, names[other], (own, -chosen) > (others, -other), by, gap, risks)
-
-
-def _score(predicted: Forecast | ActionForecast, k: int) -> PathScore:
-    rank, steps = rank_of(int(predicted.flags[k])), int(predicted.safe_steps[k])
-    return path_score(rank, float(predicted.path_risk[k]), steps, float(predicted.value[k]))
 
 
 class _Traced(NamedTuple):
@@ -242,7 +237,7 @@ def explain(
     others = [each.action for each in alternatives if each.applicable and each.action != chosen]
     other = None
     if chosen is not None and others:
-        best = max(others, key=lambda k: (_score(predicted, k), -k))
+        best = max(others, key=lambda k: (score_of(predicted, k), -k))
         other = compared(predicted, names, chosen, best)
     partial = predicted.bound.partial
     return Explanation(model.values(state), tuple(alternatives), chosen, other, partial)

@@ -168,10 +168,6 @@ class Evidence(Strategy):
         (mean, variance), (other, more) = self._beliefs()
         return float(stdtr(self._freedom, (other - mean) / math.sqrt(variance + more)))
 
-    def _draw(self) -> None:
-        """Draw who leads the next episode."""
-        self._leads[self.env_index] = bool(self._random.random() < self._rho)
-
     def needs_plan(self, *, greedily: bool = False) -> bool:
         """Return whether the planner leads."""
         return self._rho <= 0.5 if greedily else not self._leads[self.env_index]
@@ -200,7 +196,7 @@ class Evidence(Strategy):
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)
             (self.learner if self._leads[self.env_index] else self.planner).add(return_)
             self._rho = self._probability()
-        self._draw()
+        self._leads[self.env_index] = bool(self._random.random() < self._rho)
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; a `RunError` where returns do not fit together."""

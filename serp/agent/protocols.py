@@ -21,12 +21,23 @@ from serp.settings import LearnerSettings, PlannerSettings
 Mask = NDArray[np.bool_]
 
 
+@runtime_checkable
+class Stateful(Protocol):
+    """What has a state that is saved in a checkpoint."""
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+
+
 class Planner(Protocol):
     """A planner forecasts the consequences of each ground action; `serp.Lookahead` is one.
 
     A function that takes a `serp.TransitionModel` and the `planner` section of the settings, and
     returns a planner, is found by name through the entry-point group `serp.planners`. A forecast
-    depends on nothing but the state, the model, what a `StatefulPlanner` saves and `visited`.
+    depends on nothing but the state, the model, what a `Stateful` planner saves and `visited`.
 
     A planner may have an attribute `visited`, which is set to the visited states, a
     `serp.model.learned.transitions.TransitionMemory`; a method `begin_episode()`, called where an
@@ -39,21 +50,10 @@ class Planner(Protocol):
         """Return the predictions for every ground action in a state `[F]`."""
 
 
-@runtime_checkable
-class StatefulPlanner(Planner, Protocol):
-    """A planner that keeps what it found from one decision to the next."""
-
-    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays and JSON values that `load_state_dict` restores exactly."""
-
-    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-
-
 @contextmanager
 def undisturbed(planner: Planner) -> Iterator[None]:
     """Restore, at the end, what a planner kept from one decision to the next."""
-    if not isinstance(planner, StatefulPlanner):
+    if not isinstance(planner, Stateful):
         yield
         return
     state = planner.state_dict()
@@ -76,7 +76,7 @@ class Proposer(Protocol):
         """Propose the action with the largest value."""
 
 
-class Learner(Protocol):
+class Learner(Stateful, Protocol):
     """A learner of the values of E environment actions; `serp.learning.dqn.DQN` is one.
 
     A function that makes one is found by name through the entry-point group `serp.learners`; it
@@ -117,14 +117,12 @@ class Learner(Protocol):
         next_observation: Vector,
         terminated: bool,
         truncated: bool,
-        next_allowed: Mask | None = None,
         imitated: int = -1,
     ) -> None:
         """Store an env step in the replay memory.
 
-        Observations are inputs `[F]`; `action` is the executed environment action. The value of the
-        next state is maximised over `next_allowed` `[E]`, None for all. `imitated` is the planner's
-        action, to be imitated; -1: none.
+        Observations are inputs `[F]`; `action` is the executed environment action. `imitated` is
+        the planner's action, to be imitated; -1: none.
         """
 
     def learn(self) -> float | None:
@@ -132,12 +130,6 @@ class Learner(Protocol):
 
     def pretrain(self, updates: int) -> float | None:
         """Make gradient updates on the initial data D₀; return their mean loss, None for none."""
-
-    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays and JSON values that `load_state_dict` restores exactly."""
-
-    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
 
 
 MakeLearner = Callable[..., Learner]  # with the arguments of `DQN`; equal seeds give equal bits

@@ -19,7 +19,7 @@ from serp.errors import SettingsError
 from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
-from serp.planning.plan_follower import Advise, advised_by
+from serp.planning.plan_follower import Advise, AdvisedPlanner
 from serp.settings import PlannerSettings, Settings
 
 
@@ -68,7 +68,7 @@ def make_planner(
         own: `serp.Task.planners`: functions of the fluents' values, by name.
     """
     if own and settings.name in own:
-        return advised_by(own[settings.name], model, settings)
+        return AdvisedPlanner(model, settings, own[settings.name])
     return cast(MakePlanner, _load(PLANNERS, settings.name))(model, settings)
 
 

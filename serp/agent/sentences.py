@@ -13,8 +13,7 @@ from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.decision import Actor, Reason
 from serp.agent.explanation import Alternative, RunnerUp, unsafe_ahead
-from serp.planning.edges import Bound
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Bound, Forecast
 
 TO_THE_UNKNOWN: Final = (
     "The planner found nothing better within reach, so it explores. Unknown states are valued "
@@ -30,11 +29,6 @@ PARTIAL: Final = (
 def kind_of_return(partial: bool) -> str:
     """Return what the return of an action is called; `partial` as in `Explanation`."""
     return "partial return" if partial else "best return"
-
-
-def line_of_cause(cause: Cause) -> str:
-    """Return a cause as a line."""
-    return line_of_run([[cause]])
 
 
 def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
@@ -89,19 +83,15 @@ def between(runner_up: RunnerUp, name: str) -> str:
 
 def lesser(other: RunnerUp) -> str:
     """Say, to follow its name, why the planner prefers the action taken to another one."""
+    taken, own = map(percent, other.path_risks)
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
         "delay": "which is worth as much, but puts that off",
         "rank": "which is less safe one step ahead, whatever it gains",
-        "risk": f"whose path has more risk{_risks(other)}, whatever it gains",
+        "risk": f"whose path has more risk ({own} against {taken}), whatever it gains",
         "safe steps": "whose path stays safe for less long, whatever it gains",
     }[other.by]
-
-
-def _risks(other: RunnerUp) -> str:
-    taken, own = map(percent, other.path_risks)
-    return f" ({own} against {taken})"
 
 
 def special_about(forecast: Forecast) -> list[str]:
@@ -189,7 +179,7 @@ def why_refused(
     wanted = ("unsafe", "risk", "failed", "conflict", "undefined")
     for cause in causes:
         if cause.what in wanted:
-            text = line_of_cause(cause).rstrip(".")
+            text = line_of_run([[cause]]).rstrip(".")
             known = ("unsafe", "not applicable", "no defined result")
             shorter = [text.removeprefix(begin) for begin in known if text.startswith(begin)]
             return shorter[0] if shorter else f": {text}"

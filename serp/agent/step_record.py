@@ -18,7 +18,7 @@ SAFETY: Final = ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_actio
 _SIGHT: Final = {
     "saw_all": ("exhausted",),
     "by_cells": ("cells", "unknown"),
-    "cut_short": ("nodes", "time"),
+    "cut_short": ("nodes",),
     "safety_alone": ("safety",),
 }
 """Name of a count → the bounds of the planner's sight that it counts: names of `Bound`."""

@@ -42,6 +42,9 @@ class LookaheadReliability(Declared):
         """Whether vetoes use the lookahead beyond the next step."""
         return self.failures <= 3 + 0.001 * self.steps
 
+    def __str__(self) -> str:
+        return f"{plural(self.failures, 'time')} in {plural(self.steps, 'env step')}"
+
     def observe(
         self, predicted_safe: bool | None, unsafe: bool, last: bool, env_index: int = 0
     ) -> bool:
@@ -82,34 +85,48 @@ class VetoPolicy(Declared):
         actions: The map between ground and environment actions.
         settings: The settings of the arbiter.
         horizon: Control periods that the planner looks ahead.
+        refuses: False for baselines: nothing is refused, and the guarantee of `serp.Arbiter` does
+            not hold. Steps are forecast nevertheless, so that what is unsafe is counted.
 
     Attributes:
-        available: `[E]` actions that the model does not know and that may be executed.
+        refuses: As given.
+        reliability: Counts how often the lookahead failed in training.
+        allowed_unknown: `[E]` actions that the model does not know and that may be executed.
         env_index: Environment, from 0, that the next observed step comes from.
     """
 
-    STATE: ClassVar[Mapping[str, Reader]] = {"_reliability": part}
+    STATE: ClassVar[Mapping[str, Reader]] = {"reliability": part}
 
-    def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
+    def __init__(
+        self,
+        actions: ActionMap,
+        settings: ArbiterSettings,
+        horizon: int = 1,
+        *,
+        refuses: bool = True,
+    ) -> None:
         self._actions = actions
         self._settings = settings
-        self._reliability = LookaheadReliability(horizon)
-        self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
+        self.refuses = refuses
+        self.reliability = LookaheadReliability(horizon)
+        self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
+        if not self.refuses:
+            return np.ones(len(forecast.flags), dtype=np.bool_)
         allowed = forecast.safe
         if self._settings.r_min is not None:
             allowed &= forecast.reward >= self._settings.r_min
-        if self._settings.veto_horizon == "lookahead" and self.lookahead_reliable:
+        if self._settings.veto_horizon == "lookahead" and self.reliability.reliable:
             # If no modelled action has a safe plan, none is refused for that.
             lasting = forecast.safe_steps == SAFE
             if (lasting & self._actions.modelled).any():
                 allowed &= lasting
-        return allowed | self.available
+        return allowed | self.allowed_unknown
 
-    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
+    def reason_against(self, forecast: ActionForecast, action: int) -> Reason:
         """Return why an action that is not admissible is refused."""
         if not self._actions.modelled[action]:
             return Reason.UNMODELLED
@@ -127,17 +144,6 @@ class VetoPolicy(Declared):
             return Reason.LOW_REWARD
         return Reason.UNSAFE_AHEAD
 
-    @property
-    def lookahead_reliable(self) -> bool:
-        """Whether vetoes use the lookahead beyond the next step."""
-        return self._reliability.reliable
-
-    @property
-    def lookahead_failures(self) -> str:
-        """In words: how often the lookahead failed."""
-        found = self._reliability
-        return f"{plural(found.failures, 'time')} in {plural(found.steps, 'env step')}"
-
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
 
@@ -146,33 +152,6 @@ class VetoPolicy(Declared):
         decision = step.decision
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
-        return self._reliability.observe(
+        return self.refuses and self.reliability.observe(
             safe if known else None, step.unsafe, step.last, self.env_index
         )
-
-    def cut_off(self) -> None:
-        """Treat the step observed last as the last one of its episode."""
-        self._reliability.cut_off(self.env_index)
-
-
-class NoVeto(VetoPolicy):
-    """Refuses nothing, for baselines. The guarantee of `serp.Arbiter` does not hold.
-
-    Steps are forecast nevertheless, so that actions predicted unsafe are counted.
-
-    Args:
-        actions: The map between ground and environment actions.
-    """
-
-    STATE: ClassVar[Mapping[str, Reader]] = {}
-
-    def __init__(self, actions: ActionMap) -> None:
-        super().__init__(actions, ArbiterSettings())
-
-    def admissible(self, forecast: ActionForecast) -> Mask:
-        """Return `[E]` True."""
-        return np.ones(len(forecast.flags), dtype=np.bool_)
-
-    def observe(self, step: StepRecord) -> bool:
-        """Return False: the lookahead is not used."""
-        return False

@@ -31,7 +31,7 @@ def changes_of(
     model: TransitionModel, before: Vector, after: Vector, happened: Happened
 ) -> list[FluentChange]:
     """Return the fluents that a step changed, or that something tried to change, in their order."""
-    causes = changes_passed(model, before, happened.passages)
+    causes = changes_passed(model, before, happened.passages())
     old, new, changes = model.values(before), model.values(after), []
     for fluent in model.fluents:
         a, b, behind = old[fluent.name], new[fluent.name], causes.get(fluent.index, [])
@@ -114,7 +114,7 @@ class Game:
             refusal=refusal,
             reward=reward,
             changes=changes_of(model, now.state, state, happened),
-            brought=[*causes_passed(model, now.state, happened.passages, happened.flags, after)],
+            brought=[*causes_passed(model, now.state, happened.passages(), happened.flags, after)],
         )
 
     def refusal(self, action: int) -> str:

@@ -28,8 +28,8 @@ from serp._util.files import write_together
 from serp._util.numbers import real
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
-from serp.tasks.environment import ActionSpace, Observations
 from serp.tasks.registry import attribute_of, import_file, task_like
+from serp.tasks.spaces import ActionSpace, Observations
 
 MOST: Final = 64
 """Most actions, and most numbers of an observation, that a file is filled in with."""

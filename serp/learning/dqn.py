@@ -12,8 +12,7 @@ See `serp.learning.q_learning` about determinism.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,42 +23,8 @@ from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.onnx_export import network_as_onnx
 from serp.learning.q_learning import QLearning
-from serp.learning.replay import ReplayBuffer, SampleSpec, type_F32
+from serp.learning.replay import ReplayBuffer
 from serp.settings import LearnerSettings
-
-
-class ReturnBounds:
-    """The smallest and the largest possible return, for a discount γ in [0, 1)."""
-
-    def __init__(self, discount: float) -> None:
-        self._horizon = 1.0 / (1.0 - discount)
-        self.load_state([math.inf, -math.inf] * 2)
-
-    def observe(self, reward: float, terminated: bool) -> None:
-        """Update the bounds with the reward of one step."""
-        seen = self._terminal if terminated else self._going_on
-        if seen[0] <= reward <= seen[1]:
-            return
-        seen[0] = min(seen[0], reward)
-        seen[1] = max(seen[1], reward)
-        self._update()
-
-    def _update(self) -> None:
-        lower = min(self._going_on[0] * self._horizon, self._terminal[0])
-        upper = max(self._going_on[1] * self._horizon, self._terminal[1])
-        nothing_known = lower > upper
-        self.lower: float = -math.inf if nothing_known else lower
-        self.upper: float = math.inf if nothing_known else upper
-
-    def state(self) -> list[float]:
-        """Return smallest and largest reward of going on, and of terminating; ±inf where unseen."""
-        return [*self._going_on, *self._terminal]
-
-    def load_state(self, state: Sequence[float]) -> None:
-        """Continue from what `state` returned."""
-        numbers = list(map(float, state))
-        self._going_on, self._terminal = numbers[:2], numbers[2:]
-        self._update()
 
 
 class Proposal(NamedTuple):
@@ -68,12 +33,10 @@ class Proposal(NamedTuple):
     Attributes:
         action: Index of the action.
         exploratory: Whether it was drawn at random.
-        q: Q-values ``[A]`` of a greedy choice; None if it was drawn at random.
     """
 
     action: int
     exploratory: bool
-    q: type_F32 | None
 
 
 class DQN:
@@ -84,13 +47,14 @@ class DQN:
         action_count: Actions, A ≥ 1.
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
-        imitates: Whether samples hold actions to be imitated.
+        imitates: Whether it imitates the planner; it then explores little from the beginning.
         discount: γ, weight of the reward of the next step.
 
     Attributes:
         imitates: As given.
         learning: The networks and their gradient updates.
         replay: The replay memory.
+        env_index: Environment, from 0, that the next env steps to remember come from.
         env_steps: Number of env steps remembered.
         imitation_weight: Current weight of imitation, ≥ 0, at first 0; it is not saved.
     """
@@ -106,33 +70,21 @@ class DQN:
     ) -> None:
         self.imitates = imitates
         self._discount = discount
-        self._guarded = settings.target_polyak is not None
         self.imitation_weight = 0.0
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
         start_rng, sample_rng, explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
-        spec = SampleSpec(input_size, action_count, imitates)
-        self.replay = ReplayBuffer(spec, settings, sample_rng, discount)
-        self._bounds = ReturnBounds(discount)
+        self.replay = ReplayBuffer(input_size, action_count, settings, sample_rng, discount)
         self._explore_rng = explore_rng
-        self.env_steps = 0
+        self.env_steps = self.env_index = 0
         self._learn_calls = 0
-
-    @property
-    def env_index(self) -> int:
-        """Environment, from 0, that the next env steps to remember come from."""
-        return self.replay.env_index
-
-    @env_index.setter
-    def env_index(self, env_index: int) -> None:
-        self.replay.env_index = env_index
 
     @property
     def updates(self) -> int:
         """Number of gradient updates, including those of `pretrain`."""
-        return self.learning.updates
+        return self.learning.steps
 
     @property
     def epsilon(self) -> float:
@@ -142,16 +94,6 @@ class DQN:
             return settings.epsilon_end
         start, done = 0.1 if self.imitates else 1.0, self.env_steps / settings.epsilon_steps
         return start + (settings.epsilon_end - start) * done
-
-    def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q ``[A]`` of an input ``[F]``, or ``[B, A]`` of a batch.
-
-        It is the mean of the members.
-
-        Raises:
-            ValueError: The input has another shape.
-        """
-        return self.learning.online.q(x)
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -171,14 +113,13 @@ class DQN:
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
-        return Proposal(int(actions[rng.integers(len(actions))]), True, None)
+        return Proposal(int(actions[rng.integers(len(actions))]), True)
 
     def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
         """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self.learning.online.q(x)
-        return Proposal(best_of(q), False, q)
+        return Proposal(best_of(self.learning.online.q(x)), False)
 
     def remember(
         self,
@@ -188,7 +129,6 @@ class DQN:
         next_observation: npt.NDArray[np.floating],
         terminated: bool,
         truncated: bool,
-        next_allowed: npt.NDArray[np.bool_] | None = None,
         imitated: int = -1,
     ) -> None:
         """Store one env step with the *executed* action; see `ReplayBuffer.add`.
@@ -203,12 +143,10 @@ class DQN:
                 f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "
                 f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
-        allowed = next_allowed if self._guarded else None
         self.replay.add(
-            observation, action, reward, next_observation, terminated, truncated,
-            allowed, imitated,
+            observation, action, reward, next_observation, terminated, truncated, imitated,
+            self.env_index,
         )  # fmt: skip
-        self._bounds.observe(reward, terminated)
         self.env_steps += 1
 
     def learn(self) -> float | None:
@@ -232,14 +170,8 @@ class DQN:
         """
         if updates <= 0 or not self.replay.size:
             return None
-        return sum(self._update() for _ in range(updates)) / updates
-
-    def _update(self) -> float:
-        bounds = (-math.inf, math.inf)
-        if self._guarded:
-            bounds = (self._bounds.lower, self._bounds.upper)
-        batch = self.replay.sample()
-        return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
+        given = self.replay, self.imitation_weight, self.env_steps
+        return sum(self.learning.learn(*given) for _ in range(updates)) / updates
 
     def as_onnx(self) -> bytes:
         """Return the network as ONNX; see `network_as_onnx`."""
@@ -261,9 +193,7 @@ class DQN:
         meta = {
             "env_steps": self.env_steps,
             "learn_calls": self._learn_calls,
-            "updates": self.learning.updates,
-            "adam_steps": self.learning.compiled.steps,
-            "seen_rewards": self._bounds.state(),
+            "updates": self.updates,
             "explore_rng": self._explore_rng.bit_generator.state,
             "replay": replay_meta,
         }
@@ -289,15 +219,13 @@ class DQN:
                 "settings it was saved with"
             )
         env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")
-        updates, adam_steps = saved.whole("updates"), saved.whole("adam_steps")
-        seen_rewards = saved.reals("seen_rewards", 4, -math.inf, math.inf)
+        updates = saved.whole("updates")
         state = saved.generator_state("explore_rng", self._explore_rng)
         self.replay.load_state_dict(*saved.part("replay"))
         for name, array in trained.items():
             array[...] = arrays[name]
         self.env_steps, self._learn_calls = env_steps, learn_calls
-        learning.updates, learning.compiled.steps = updates, adam_steps
-        self._bounds.load_state(seen_rewards)
+        learning.steps = updates
         self._explore_rng.bit_generator.state = state
 
 

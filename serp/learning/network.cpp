@@ -264,8 +264,6 @@ void QNetwork::mean(const float* inputs, size_t batch, float* q) {
 
 namespace {
 
-using Inputs = In<float, nb::ndim<3>>;
-
 Array<float> q_of(QNetwork& network, const In<float>& inputs) {
     const size_t axes = inputs.ndim();
     if ((axes != 1 && axes != 2) || inputs.shape(axes - 1) != network.inputs())
@@ -277,26 +275,6 @@ Array<float> q_of(QNetwork& network, const In<float>& inputs) {
     network.mean(inputs.data(), batch, q.data());
     if (axes == 1) return array_of(std::move(q), {network.actions()});
     return array_of(std::move(q), {batch, network.actions()});
-}
-
-/// Returns Q [E, B, A] of each member's inputs [E, B, F], and the gradient [E, P] of a loss.
-nb::tuple gradient_of(const QNetwork& network, const Inputs& inputs, const Inputs& q_gradient) {
-    const size_t members = network.members(), batch = inputs.shape(1);
-    const size_t size = batch * network.actions();
-    if (inputs.shape(0) != members || inputs.shape(2) != network.inputs() ||
-        q_gradient.shape(0) != members || q_gradient.size() != members * size)
-        throw std::invalid_argument("other shapes");
-    std::vector<float> q(members * size), gradient(members * network.count());
-    Pass pass(network, batch);
-    for (size_t e = 0; e < members; ++e) {
-        const float* own = inputs.data() + e * batch * network.inputs();
-        network.forward(e, own, pass);
-        std::copy_n(pass.q(), size, q.data() + e * size);
-        std::copy_n(q_gradient.data() + e * size, size, pass.q_gradient());
-        network.backward(e, own, pass, gradient.data() + e * network.count());
-    }
-    return nb::make_tuple(array_of(std::move(q), {members, batch, network.actions()}),
-                          array_of(std::move(gradient), {members, network.count()}));
 }
 
 }  // namespace
@@ -328,14 +306,7 @@ void bind_network(nb::module_& module) {
             "A view [E, P]: member by member, layer by layer the weights [inputs, outputs], the "
             "bias and, under LayerNorm, gain and shift.")
         .def("q", &q_of, nb::arg("inputs"),
-             "Return the mean of the members' Q-values: [A] of an input [F], [B, A] of [B, F].")
-        .def("gradient", &gradient_of, nb::arg("inputs"), nb::arg("q_gradient"),
-             nb::sig("def gradient(self, inputs: numpy.typing.NDArray[numpy.float32], q_gradient: "
-                     "numpy.typing.NDArray[numpy.float32]) -> "
-                     "tuple[numpy.typing.NDArray[numpy.float32], "
-                     "numpy.typing.NDArray[numpy.float32]]"),
-             "Return Q [E, B, A] of each member's inputs [E, B, F], and the gradient [E, P] of a "
-             "loss whose gradient in Q is given.");
+             "Return the mean of the members' Q-values: [A] of an input [F], [B, A] of [B, F].");
 }
 
 }  // namespace serp

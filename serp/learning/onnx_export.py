@@ -19,7 +19,7 @@ _IR_VERSION: Final = 8
 def network_as_onnx(network: _core.QNetwork) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
-    Q is the mean over members, as of `DQN.q_values`, to float32 accuracy: sums are added in another
+    Q is the mean over members, as of `QNetwork.q`, to float32 accuracy: sums are added in another
     order.
 
     Raises:

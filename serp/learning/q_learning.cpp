@@ -1,16 +1,18 @@
 // Gradient updates of a Q-network. Compiled like network.cpp.
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <optional>
-#include <stdexcept>
+#include <utility>
+#include <vector>
 
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/vector.h>
 
 #include "serp/_util/arrays.hpp"
+#include "serp/_util/checks.hpp"
 #include "serp/_util/vector_code.hpp"
 #include "serp/learning/network.hpp"
-#include "serp/learning/samples.hpp"
 
 namespace serp {
 
@@ -55,61 +57,81 @@ SERP_VECTOR_PRODUCTS double deviation(const float* q, size_t count) {
     return std::sqrt(squares / static_cast<double>(count));
 }
 
-/// How samples are imitated: margin and weight of the loss.
-struct Imitation {
-    float margin, weight;
+/// N samples of the replay memory, in the arrays given; `serp.learning.replay` describes the fields.
+struct ReplaySamples {
+    using Rows = Out<float, nb::ndim<2>>;
+    using Numbers = Out<float, nb::ndim<1>>;
+    using Actions = Out<std::int64_t, nb::ndim<1>>;
+
+    ReplaySamples(Rows observation, Actions action, Numbers reward, Rows next_observation,
+                  Numbers discount, Actions imitated)
+        : observation(std::move(observation)),
+          action(std::move(action)),
+          reward(std::move(reward)),
+          next_observation(std::move(next_observation)),
+          discount(std::move(discount)),
+          imitated(std::move(imitated)) {
+        require(this->observation.shape(0) == count() &&
+                    this->next_observation.shape(0) == count() &&
+                    this->next_observation.shape(1) == inputs() && this->reward.size() == count() &&
+                    this->discount.size() == count() && this->imitated.size() == count(),
+                "the fields of samples have other shapes");
+    }
+
+    size_t count() const { return action.size(); }
+    size_t inputs() const { return observation.shape(1); }
+
+    Rows observation;
+    Actions action;
+    Numbers reward;
+    Rows next_observation;
+    Numbers discount;
+    Actions imitated;
 };
+
+/// Positions of samples [E * B].
+using Drawn = In<std::int64_t, nb::ndim<1>>;
 
 /// Writes the gradient of each member's mean loss; returns the mean loss over members and batch.
 ///
 /// The target of a sample is reward + discount * next_q[best], with best the action of largest
-/// choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
-/// lower and upper. With an action g to be imitated, weight * (max over a of
+/// choice_q (the lowest index in a tie). With an action g to be imitated, weight * (max over a of
 /// (q[a] + margin * [a != g]) - q[g]) is added to the loss of the sample. q and the like are
 /// [E * B, A].
-double td_gradient(const float* q, const float* next_q, const float* choice_q,
-                   const ReplaySamples& samples, size_t batch, float lower, float upper,
-                   Imitation imitation, float* q_gradient) {
-    const size_t actions = samples.actions();
+double td_gradient(const float* q, const float* next_q, const float* choice_q, size_t actions,
+                   const ReplaySamples& samples, const Drawn& drawn, size_t batch, float margin,
+                   float weight, float* q_gradient) {
     const float share = 1.0f / static_cast<float>(batch);
     double loss = 0.0;
-    for (size_t i = 0; i < samples.count(); ++i) {
-        const size_t row = i * actions;
-        const bool* forbidden = samples.forbidden.data() + row;
+    for (size_t i = 0; i < drawn.size(); ++i) {
+        const size_t row = i * actions, sample = drawn.data()[i];
         const float *own = q + row, *choice = choice_q + row;
         float* gradient = q_gradient + row;
-        size_t best = actions;
-        for (size_t k = 0; k < actions; ++k)
-            if (!forbidden[k] && (best == actions || choice[k] > choice[best])) best = k;
-        const auto chosen = static_cast<size_t>(samples.action.data()[i]);
-        if (best >= actions || chosen >= actions)
-            throw std::invalid_argument("an action is out of range, or all are forbidden");
-        float value = next_q[row + best];
-        if (value < lower) value = lower;
-        if (value > upper) value = upper;
-        const float error =
-            own[chosen] - (samples.reward.data()[i] + samples.discount.data()[i] * value);
-        for (size_t k = 0; k < actions; ++k) gradient[k] = 0.0f;
+        const auto chosen = static_cast<size_t>(samples.action.data()[sample]);
+        require(chosen < actions, "an action is out of range");
+        const size_t best = std::max_element(choice, choice + actions) - choice;
+        const float error = own[chosen] - (samples.reward.data()[sample] +
+                                           samples.discount.data()[sample] * next_q[row + best]);
+        std::fill_n(gradient, actions, 0.0f);
         loss += error * error;
         gradient[chosen] = 2.0f * error * share;
-        if (!samples.imitated.size() || imitation.weight <= 0.0f || samples.imitated.data()[i] < 0)
-            continue;
-        const auto wanted = static_cast<size_t>(samples.imitated.data()[i]);
-        if (wanted >= actions) throw std::invalid_argument("an action is out of range");
+        if (weight <= 0.0f || samples.imitated.data()[sample] < 0) continue;
+        const auto wanted = static_cast<size_t>(samples.imitated.data()[sample]);
+        require(wanted < actions, "an action is out of range");
         // In a tie that action is first: there the gradient of the loss is 0.
         size_t rival = wanted;
         float above = own[wanted];
         for (size_t k = 0; k < actions; ++k)
-            if (k != wanted && own[k] + imitation.margin > above) {
+            if (k != wanted && own[k] + margin > above) {
                 rival = k;
-                above = own[k] + imitation.margin;
+                above = own[k] + margin;
             }
         if (rival == wanted) continue;
-        loss += imitation.weight * (above - own[wanted]);
-        gradient[rival] += imitation.weight * share;
-        gradient[wanted] -= imitation.weight * share;
+        loss += weight * (above - own[wanted]);
+        gradient[rival] += weight * share;
+        gradient[wanted] -= weight * share;
     }
-    return loss / static_cast<double>(samples.count());
+    return loss / static_cast<double>(drawn.size());
 }
 
 /// A Q-network, its target network, and their gradient updates by Adam (arXiv 1412.6980).
@@ -129,6 +151,8 @@ public:
           passes_(members, Pass(online, batch)),
           next_pass_(online, batch),
           gradient_(online.stride()),
+          inputs_(members * batch * online.inputs()),
+          next_inputs_(batch * online.inputs()),
           q_(members * batch * online.actions()),
           next_q_(q_.size()),
           choice_q_(q_.size()),
@@ -136,53 +160,43 @@ public:
         if (polyak) target.emplace(sizes, layer_norm, members);
     }
 
-    /// Does one update on samples [E * B]; returns the loss. Without a finite loss nothing changes.
-    double update(const ReplaySamples& samples, float lower, float upper, float imitation_weight) {
+    /// Does one update on the samples that were drawn; returns the loss. Without a finite loss nothing
+    /// changes.
+    double update(const ReplaySamples& samples, const Drawn& drawn, float imitation_weight) {
         const size_t batch = next_pass_.batch, members = online.members();
         const size_t outputs = batch * online.actions();
-        if (samples.count() != members * batch || samples.inputs() != online.inputs() ||
-            samples.actions() != online.actions())
-            throw std::invalid_argument("the samples have other shapes than the network");
-        const auto rows_of = [&](const ReplaySamples::Rows& inputs, size_t member) {
-            return inputs.data() + member * batch * online.inputs();
+        require(drawn.size() == members * batch && samples.inputs() == online.inputs(),
+                "the samples have other shapes than the network");
+        for (size_t i = 0; i < drawn.size(); ++i)
+            require(drawn.data()[i] >= 0 &&
+                        static_cast<size_t>(drawn.data()[i]) < samples.count(),
+                    "there is no such sample");
+        const auto value = [&](const QNetwork& network, size_t member, const float* inputs,
+                               Pass& pass, std::vector<float>& q) {
+            network.forward(member, inputs, pass);
+            std::copy_n(pass.q(), outputs, q.data() + member * outputs);
         };
         for (size_t e = 0; e < members; ++e) {
-            const auto value = [&](const QNetwork& network, const ReplaySamples::Rows& inputs,
-                                   Pass& pass, std::vector<float>& q) {
-                network.forward(e, rows_of(inputs, e), pass);
-                std::copy_n(pass.q(), outputs, q.data() + e * outputs);
-            };
-            value(target ? *target : online, samples.next_observation, next_pass_, next_q_);
-            if (target) value(online, samples.next_observation, next_pass_, choice_q_);
-            value(online, samples.observation, passes_[e], q_);
+            gather(samples.next_observation, drawn, e, next_inputs_.data());
+            value(target ? *target : online, e, next_inputs_.data(), next_pass_, next_q_);
+            if (target) value(online, e, next_inputs_.data(), next_pass_, choice_q_);
+            gather(samples.observation, drawn, e, inputs_of(e));
+            value(online, e, inputs_of(e), passes_[e], q_);
         }
-        Imitation imitation{0.0f, 0.0f};
-        if (samples.imitated.size()) {
-            const double unit = deviation(q_.data(), q_.size());
-            imitation = {static_cast<float>(unit), static_cast<float>(imitation_weight * unit)};
-        }
+        const double unit = imitation_weight > 0.0f ? deviation(q_.data(), q_.size()) : 0.0;
         const std::vector<float>& choice = target ? choice_q_ : next_q_;
-        const double loss = td_gradient(q_.data(), next_q_.data(), choice.data(), samples, batch,
-                                        lower, upper, imitation, q_gradient_.data());
+        const double loss = td_gradient(
+            q_.data(), next_q_.data(), choice.data(), online.actions(), samples, drawn, batch,
+            static_cast<float>(unit), static_cast<float>(imitation_weight * unit),
+            q_gradient_.data());
         if (!std::isfinite(loss)) return loss;
         ++steps;
         for (size_t e = 0; e < members; ++e) {
             std::copy_n(q_gradient_.data() + e * outputs, outputs, passes_[e].q_gradient());
-            online.backward(e, rows_of(samples.observation, e), passes_[e], gradient_.data());
+            online.backward(e, inputs_of(e), passes_[e], gradient_.data());
             step(e, gradient_.data());
         }
         return loss;
-    }
-
-    /// Does one step along a gradient [E, P].
-    void step_all(const In<float, nb::ndim<2>>& gradient) {
-        if (gradient.shape(0) != online.members() || gradient.shape(1) != online.count())
-            throw std::invalid_argument("the gradient has another shape");
-        ++steps;
-        for (size_t e = 0; e < online.members(); ++e) {
-            std::copy_n(gradient.data() + e * online.count(), online.count(), gradient_.data());
-            step(e, gradient_.data());
-        }
     }
 
     QNetwork online;
@@ -191,6 +205,19 @@ public:
     std::int64_t steps = 0;
 
 private:
+    float* inputs_of(size_t member) {
+        return inputs_.data() + member * next_pass_.batch * online.inputs();
+    }
+
+    /// Copies the rows of a member's samples to [B, F].
+    void gather(const ReplaySamples::Rows& rows, const Drawn& drawn, size_t member,
+                float* to) const {
+        const size_t batch = next_pass_.batch, width = online.inputs();
+        for (size_t i = 0; i < batch; ++i)
+            std::copy_n(rows.data() + drawn.data()[member * batch + i] * width, width,
+                        to + i * width);
+    }
+
     /// Moves a member against its gradient, and the target network after it.
     void step(size_t member, const float* gradient) {
         const size_t at = member * online.stride(), count = online.count();
@@ -209,24 +236,9 @@ private:
     std::vector<Pass> passes_;  // member -> its pass over the observations
     Pass next_pass_;
     Floats gradient_;                                       // [P]
+    std::vector<float> inputs_, next_inputs_;                // [E, B, F] and [B, F]
     std::vector<float> q_, next_q_, choice_q_, q_gradient_;  // [E, B, A]
 };
-
-using Values = In<float, nb::ndim<3>>;
-
-nb::tuple td_gradient_of(const Values& q, const Values& next_q, const Values& choice_q,
-                         const ReplaySamples& samples, float lower, float upper, float margin,
-                         float weight) {
-    for (const Values* of : {&q, &next_q, &choice_q})
-        if (of->shape(0) != q.shape(0) || of->shape(0) * of->shape(1) != samples.count() ||
-            of->shape(2) != samples.actions())
-            throw std::invalid_argument("other shapes");
-    std::vector<float> gradient(q.size());
-    const double loss = td_gradient(q.data(), next_q.data(), choice_q.data(), samples, q.shape(1),
-                                    lower, upper, {margin, weight}, gradient.data());
-    return nb::make_tuple(loss,
-                          array_of(std::move(gradient), {q.shape(0), q.shape(1), q.shape(2)}));
-}
 
 template <Floats QLearning::*moment>
 Array<float> view_of_moment(nb::handle self) {
@@ -238,6 +250,14 @@ Array<float> view_of_moment(nb::handle self) {
 }  // namespace
 
 void bind_q_learning(nb::module_& module) {
+    nb::class_<ReplaySamples>(module, "ReplaySamples",
+                              "N samples in arrays, which are those given; see "
+                              "`serp.learning.replay`.")
+        .def(nb::init<ReplaySamples::Rows, ReplaySamples::Actions, ReplaySamples::Numbers,
+                      ReplaySamples::Rows, ReplaySamples::Numbers, ReplaySamples::Actions>(),
+             nb::arg("observation").noconvert(), nb::arg("action").noconvert(),
+             nb::arg("reward").noconvert(), nb::arg("next_observation").noconvert(),
+             nb::arg("discount").noconvert(), nb::arg("imitated").noconvert());
     nb::class_<QLearning>(module, "QLearning",
                           "A Q-network, its target network, and their gradient updates.")
         .def(nb::init<const std::vector<size_t>&, bool, size_t, size_t, float, float,
@@ -257,25 +277,10 @@ void bind_q_learning(nb::module_& module) {
                      nb::sig("def second(self) -> numpy.typing.NDArray[numpy.float32]"),
                      "Likewise the second moment.")
         .def_rw("steps", &QLearning::steps, "Number of Adam's steps.")
-        .def("update", &QLearning::update, nb::arg("samples"), nb::arg("lower"), nb::arg("upper"),
+        .def("update", &QLearning::update, nb::arg("samples"), nb::arg("drawn"),
              nb::arg("imitation_weight"),
-             "Do one gradient update on samples [E * B] and return the loss; if it is not finite, "
-             "nothing changes. The value of a next state is clipped to lower and upper.")
-        .def("step", &QLearning::step_all, nb::arg("gradient"),
-             "Do Adam's step along a gradient [E, P].");
-    module.def("td_gradient", &td_gradient_of, nb::arg("q"), nb::arg("next_q"), nb::arg("choice_q"),
-               nb::arg("samples"), nb::arg("lower"), nb::arg("upper"), nb::arg("margin"),
-               nb::arg("weight"),
-               nb::sig("def td_gradient(q: numpy.typing.NDArray[numpy.float32], next_q: "
-                       "numpy.typing.NDArray[numpy.float32], choice_q: "
-                       "numpy.typing.NDArray[numpy.float32], samples: ReplaySamples, lower: float, "
-                       "upper: float, margin: float, weight: float) -> tuple[float, "
-                       "numpy.typing.NDArray[numpy.float32]]"),
-               "Return the mean loss of a batch, and the gradient of each member's mean loss. The "
-               "target of a sample is reward + discount * next_q[best], with best the action of "
-               "largest choice_q among those not forbidden, and next_q[best] clipped to lower and "
-               "upper. An action to be imitated adds weight * (max over a of (q[a] + margin * "
-               "[a != g]) - q[g]). q and the like are [E, B, A].");
+             "Do one gradient update on the samples at positions [E * B] and return the loss; if it "
+             "is not finite, nothing changes.");
 }
 
 }  // namespace serp

@@ -9,25 +9,21 @@ import numpy as np
 
 from serp import _core
 from serp.errors import LearningFailure
-from serp.learning.replay import Samples, type_F32
+from serp.learning.replay import ReplayBuffer, type_F32
 from serp.settings import LearnerSettings
 
 _LARGEST_NORM: Final = 10.0
 """Largest Euclidean norm of the gradient of one network that has a target network."""
 
 
-class QLearning:
+class QLearning(_core.QLearning):
     """The network of a learner, its target network, and their gradient updates.
 
     The computation is compiled: `network.cpp` and `q_learning.cpp`. All members' parameters are one
-    float32 array ``[E, P]``.
+    float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps` is the
+    number of gradient updates.
 
     Determinism: equal parameters and inputs give equal bits on one kind of machine.
-
-    Attributes:
-        online: The network that learns.
-        compiled: The networks and the optimiser, Adam with the paper's β₁, β₂ and ε.
-        updates: Number of gradient updates.
     """
 
     def __init__(
@@ -37,44 +33,40 @@ class QLearning:
         settings: LearnerSettings,
         rng: np.random.Generator,
     ) -> None:
-        self.updates = 0
-        self.compiled = _core.QLearning(
+        self._drawn = settings.members * settings.batch_size
+        super().__init__(
             (input_size, *settings.hidden, action_count), settings.layer_norm, settings.members,
             settings.batch_size, settings.learning_rate,
             math.inf if settings.target_polyak is None else _LARGEST_NORM,
             settings.target_polyak,
         )  # fmt: skip
-        self.online = self.compiled.online
         draw(self.online, rng)
-        if self.compiled.target is not None:
-            self.compiled.target.parameters[...] = self.online.parameters
+        if self.target is not None:
+            self.target.parameters[...] = self.online.parameters
 
-    def update(
-        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float, env_step: int
-    ) -> float:
-        """Do one gradient update on a batch ``[E, B]`` and return its loss.
+    def learn(self, replay: ReplayBuffer, imitation_weight: float, env_step: int) -> float:
+        """Do one gradient update on samples of the replay memory and return its loss.
 
-        `bounds` are the smallest and the largest possible value of a state. Without a target
-        network the network itself values the next state (paper, equation 3).
+        A batch ``[B]`` is drawn for each member. Without a target network the network itself values
+        the next state (paper, equation 3).
 
         Raises:
-            LearningFailure: The loss is not finite; nothing has changed.
+            LearningFailure: The loss is not finite; no parameter has changed.
         """
-        loss = self.compiled.update(batch.compiled, *bounds, imitation_weight)
+        loss = self.update(replay.compiled, replay.draw(self._drawn), imitation_weight)
         if not math.isfinite(loss):
-            raise self.failure(f"the loss is {loss}", env_step, batch)
-        self.updates += 1
+            raise self.failure(f"the loss is {loss}", env_step, replay)
         return loss
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""
         arrays: dict[str, type_F32] = {
             "parameters": self.online.parameters,
-            "adam_first": self.compiled.first,
-            "adam_second": self.compiled.second,
+            "adam_first": self.first,
+            "adam_second": self.second,
         }
-        if self.compiled.target is not None:
-            arrays["target"] = self.compiled.target.parameters
+        if self.target is not None:
+            arrays["target"] = self.target.parameters
         return arrays
 
     def not_finite(self) -> str | None:
@@ -86,15 +78,17 @@ class QLearning:
                 return f"in the {name} of layer {layer}"
         return None
 
-    def failure(self, what: str, env_step: int, batch: Samples | None = None) -> LearningFailure:
+    def failure(
+        self, what: str, env_step: int, replay: ReplayBuffer | None = None
+    ) -> LearningFailure:
         """Return the error that names what is not finite: parameters before the largest input."""
         first = self.not_finite()
-        if first is None and batch is not None:
+        if first is None and replay is not None:
             names = ("observation", "next_observation", "reward")
-            size, name = max((np.abs(getattr(batch, name)).max(), name) for name in names)
+            size, name = max((np.abs(replay.samples[name]).max(), name) for name in names)
             first = f"a value of the network; the largest of its inputs is a {name}: {size:g}"
         return LearningFailure(
-            f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "
+            f"learner: {what} in gradient update {self.steps + 1}, env step {env_step}. "
             f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
             "smaller learner.learning_rate, keep the numbers small"
         )

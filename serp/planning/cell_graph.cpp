@@ -64,6 +64,7 @@ public:
 
     int nodes() const { return index_.size(); }
     int edges() const { return static_cast<int>(edges_.size()); }
+    /// Returns the values of the cells, and of what is not known.
     CellValues values(double unknown) const;
 
     /// Expands the graph anew from states [N * F], until all nodes are expanded, there is no room,
@@ -94,6 +95,10 @@ private:
         return states_.data() + static_cast<std::size_t>(node) * cells_.width();
     }
     int expanded() const { return static_cast<int>(first_edge_.size()) - 1; }
+    void clear() {
+        index_.clear(), states_.clear(), undefined_.clear(), value_.clear();
+        first_edge_.assign(1, 0), edges_.clear(), reached_.clear();
+    }
     int node_of(const double* row);
     std::int64_t expand_node(Stepper& first, Stepper& further, int actions, double unknown);
     void interpolate();
@@ -129,8 +134,7 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
                                                 const std::vector<double>& roots,
                                                 std::int64_t limit, double unknown) {
     cells_ = std::move(cells);
-    index_.clear(), states_.clear(), undefined_.clear();
-    first_edge_.assign(1, 0), edges_.clear(), reached_.clear(), value_.clear();
+    clear();
     const int actions = model.actions();
     const int most_nodes = max_edges_ / std::max(1, actions) + actions;
     std::int64_t steps = 0;
@@ -145,8 +149,7 @@ std::pair<std::int64_t, bool> CellGraph::expand(const Model& model, Cells cells,
         }
         return {steps, true};
     } catch (const std::bad_alloc&) {  // no room
-        index_.clear(), states_.clear(), undefined_.clear();
-        first_edge_.assign(1, 0), edges_.clear(), reached_.clear();
+        clear();
         return {steps, false};
     }
 }
@@ -358,28 +361,18 @@ void bind_cell_graph(nb::module_& module) {
     nb::class_<CellGraph>(module, "CellGraph", "A planning graph over cells of the state space.")
         .def(nb::init<double, double, int>(), nb::arg("discount"), nb::arg("accepted_risk"),
              nb::arg("max_edges"))
-        .def_prop_ro("nodes", &CellGraph::nodes)
         .def_prop_ro("edges", &CellGraph::edges)
         .def("expand", &expand, nb::arg("model"), nb::arg("low"), nb::arg("scale"),
-             nb::arg("area"), nb::arg("roots"), nb::arg("limit"), nb::arg("unknown"),
-             "Expand the graph anew from states [N, F], in a division that `CellValues` describes. "
-             "A step at least as uncertain as `unknown` leads to what is not known. "
-             "Return the steps that were predicted, at most about `limit`, and whether the graph "
-             "is complete.")
+             nb::arg("area"), nb::arg("roots"), nb::arg("limit"), nb::arg("unknown"))
         .def("lasting_rates", [](const CellGraph& graph) {
                 auto [rates, actions] = graph.lasting_rates();
                 const std::size_t count = rates.size();
                 return std::make_pair(array_of(std::move(rates), {count}),
                                       array_of(std::move(actions), {count}));
-            }, "Return rewards per control period, and actions, of the edges after which the task "
-               "goes on.")
-        .def("begin", &CellGraph::begin, nb::arg("former").none(), nb::arg("otherwise"),
-             "Begin with former values of cells; with `otherwise` where there are none.")
-        .def("solve", &CellGraph::solve, nb::arg("worst"), nb::arg("beyond"),
-             "Find the values of the cells; return that of the first one. What is unsafe is worth "
-             "`worst`, what is not known `beyond`.")
-        .def("values", &CellGraph::values, nb::arg("unknown"),
-             "Return the values of the cells, and of what is not known.");
+            })
+        .def("begin", &CellGraph::begin, nb::arg("former").none(), nb::arg("otherwise"))
+        .def("solve", &CellGraph::solve, nb::arg("worst"), nb::arg("beyond"))
+        .def("values", &CellGraph::values, nb::arg("unknown"));
 }
 
 }  // namespace serp

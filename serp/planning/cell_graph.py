@@ -8,15 +8,17 @@ chooses the action.
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp import _core
+from serp._util.saved_state import Arrays, Saved
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
-from serp.planning.edges import edge_budget
 from serp.planning.inert import inert_fluents
+from serp.planning.lookahead import edge_budget
 from serp.settings import PlannerSettings
 
 _HOPE: Final = 10.0
@@ -32,6 +34,9 @@ FINEST: Final = 100.0
 COARSEST: Final = 4.0
 _FINER: Final = 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
+
+_COLUMNS: Final = ("low", "scale", "area", "states", "value", "area_value")
+"""Values of areas are saved, too: they are those of when the cells were found."""
 
 
 class CellGraph:
@@ -62,16 +67,6 @@ class CellGraph:
         self.bins = 0.0
         self.steps = self.needed = 0
 
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return self._core.nodes
-
-    @property
-    def edges(self) -> int:
-        """Number of edges."""
-        return self._core.edges
-
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
         """Build the graph for a state `[F]` and visited states `[N, F]`.
 
@@ -93,9 +88,8 @@ class CellGraph:
             return False
         unit = np.where(divided, 1.0 / np.where(divided, high - low, 1.0), 0.0)
         area = unit * _core.AREAS
-        if self._model.as_written:
-            inert = inert_fluents(self._model.ground)
-            unit[inert], area[inert] = -1.0, 0.0
+        inert = inert_fluents(self._model)
+        unit[inert], area[inert] = -1.0, 0.0
         roots = np.vstack((state, sample))
 
         def expand(bins: float) -> int:
@@ -146,6 +140,29 @@ class CellGraph:
         if self.explores:
             graph.solve(worst, hoped)
         self.values = graph.values(hoped if self.explores else worst)
+
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        values = self.values
+        arrays = dict.fromkeys(_COLUMNS, np.zeros(0)) if values is None else values.columns()
+        return arrays, {"bins": self.bins, "explores": self.explores}
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        saved = Saved("values of cells", arrays, meta)
+        columns = {name: saved.array(name, np.float64, (-1,)) for name in _COLUMNS}
+        bins, explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
+        if 0.0 < bins < COARSEST:
+            raise saved.wrong(f"bins is {bins}")
+        values, width = None, len(self._model.fluents)
+        if any(column.size for column in columns.values()):
+            if len(columns["low"]) != width:
+                raise saved.wrong(f"low has {len(columns['low'])} numbers for {width} fluents")
+            try:
+                values = _core.CellValues(**columns)
+            except ValueError as error:
+                raise saved.wrong(str(error)) from None
+        self.values, self.bins, self.explores = values, bins, explores
 
 
 def _depend_on_actions_alone(rates: Vector, action: NDArray[np.int32]) -> bool:

@@ -149,13 +149,6 @@ namespace {
 
 using Numbers = In<double, nb::ndim<1>>;
 
-const double* state_of(const CellValues& values, const Numbers& state) {
-    if (state.size() != static_cast<std::size_t>(values.cells().width()))
-        throw std::invalid_argument("a state of these cells has " +
-                                    std::to_string(values.cells().width()) + " numbers");
-    return state.data();
-}
-
 std::map<std::string, Array<double>> columns_of(const CellValues& values) {
     auto copy_of = [](std::vector<double> numbers) {
         const std::size_t count = numbers.size();
@@ -171,7 +164,7 @@ std::map<std::string, Array<double>> columns_of(const CellValues& values) {
 
 void bind_cells(nb::module_& module) {
     module.attr("AREAS") = AREAS;
-    nb::class_<CellValues, LeafValues>(module, "CellValues", "The values of N cells.")
+    nb::class_<CellValues>(module, "CellValues", "The values of N cells, see cells.hpp.")
         .def("__init__", [](CellValues* self, const Numbers& low, const Numbers& scale,
                             const Numbers& area, const Numbers& states, const Numbers& value,
                             const std::optional<Numbers>& area_value) {
@@ -180,17 +173,13 @@ void bind_cells(nb::module_& module) {
                 new (self) CellValues({vector_of(low), vector_of(scale), vector_of(area)},
                                       vector_of(states), vector_of(value), std::move(least));
             }, nb::arg("low"), nb::arg("scale"), nb::arg("area"), nb::arg("states"),
-            nb::arg("value"), nb::arg("area_value") = nb::none(),
-            "Take a division of the state space: low ends, bins per unit of cells and of areas [F]; "
-            "a state of every cell [N * F]; the values [N + 1] of the cells and of what is not "
-            "known; those of the areas [A + 1], the least of their cells where they are not given.")
+            nb::arg("value"), nb::arg("area_value") = nb::none())
         .def("at", [](const CellValues& values, const Numbers& state) {
-                return values.at(state_of(values, state));
-            }, nb::arg("state"), "Return the value of a state [F].")
+                return values.at(state_of(state, values.width()));
+            }, nb::arg("state"))
         .def("set", [](CellValues& values, const Numbers& state, double value) {
-                values.set(state_of(values, state), value);
-            }, nb::arg("state"), nb::arg("value"),
-            "Set the value of the cell of a state [F], if it is there.")
+                values.set(state_of(state, values.width()), value);
+            }, nb::arg("state"), nb::arg("value"))
         .def_prop_ro("unknown", [](const CellValues& of) { return of.value().back(); },
                      "The value of what is not known.")
         .def("columns", &columns_of, "Return copies of what the values are made from, by name.");

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "serp/planning/hash_table.hpp"
-#include "serp/planning/leaf_values.hpp"
 
 namespace serp {
 
@@ -81,8 +80,8 @@ private:
     std::vector<Digest> digests_;
 };
 
-/// The values of N cells, in A areas.
-class CellValues : public LeafValues {
+/// The values of N cells, in A areas. `at` may be called from several threads at once.
+class CellValues {
 public:
     /// Takes a state of every cell [N * F], and the values [N + 1] of the cells, then of states that
     /// are not known. `area_value` [A + 1] has the least value in each area, then of all; without it
@@ -95,8 +94,8 @@ public:
     ///
     /// Where its cell is not there, it is the least of those in its area, or of all: a plan looks
     /// for the best of many states, and would find the one about which the least is known.
-    double at(const double* state) const override;
-    int width() const override { return cells_.width(); }
+    double at(const double* state) const;
+    int width() const { return cells_.width(); }
 
     /// Sets the value of the cell of a state [F], if it is there; the areas keep theirs.
     void set(const double* state, double value);

@@ -3,6 +3,7 @@
 #include <nanobind/stl/optional.h>
 
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 #include <string>
 
@@ -18,19 +19,28 @@ constexpr double NEVER_MET = 0.98;
 
 [[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
 
-template <class T>
-void check_length(const std::vector<T>& column, std::size_t length, const char* name) {
-    if (column.size() != length)
-        refuse(std::string(name) + " has " + std::to_string(column.size()) + " entries, not " +
-               std::to_string(length));
-}
-
-template <class T>
-void check_range(const std::vector<T>& column, std::int64_t low, std::int64_t end,
-                 const char* name) {
-    for (const T entry : column)
-        if (entry < low || entry >= end)
-            refuse(std::string(name) + " has an entry that is not below " + std::to_string(end));
+/// Calls `visit` with every column that is saved: its name, its numbers, how many there have to be,
+/// and the least and the largest that is possible; infinities where any number is.
+template <class Of, class Visit>
+void for_each_column(Of& of, int actions, Visit visit) {
+    constexpr double ANY = std::numeric_limits<double>::infinity(), MOST = std::int64_t{1} << 53;
+    const std::size_t nodes = of.layer.size(), edges = of.action.size();
+    visit("states", of.states, nodes * of.width, -ANY, ANY);
+    visit("layer", of.layer, nodes, 0.0, 1 << 30);
+    visit("undefined", of.undefined, nodes, 0.0, 1.0);
+    visit("value", of.value, nodes, -ANY, ANY);
+    visit("risk", of.risk, nodes, 0.0, 1.0);
+    visit("steps", of.steps, nodes, -1.0, SAFE);
+    visit("inside", of.inside, nodes, 0.0, 1.0);
+    visit("first_edge", of.first_edge, of.first_edge.size(), 0.0, edges);
+    visit("action", of.action, edges, 0.0, actions - 1);
+    visit("flags", of.flags, edges, 0.0, MOST);
+    visit("reward", of.reward, edges, -ANY, ANY);
+    visit("step_risk", of.step_risk, edges, 0.0, 1.0);
+    visit("going_on", of.going_on, edges, 0.0, 1.0);
+    visit("first_outcome", of.first_outcome, edges + 1, 0.0, of.target.size());
+    visit("target", of.target, of.target.size(), ENDED, of.nodes() - 1);
+    visit("chance", of.chance, of.target.size(), 0.0, 1.0);
 }
 
 void check_rises(const std::vector<std::int32_t>& first, int end, const char* name) {
@@ -42,30 +52,24 @@ void check_rises(const std::vector<std::int32_t>& first, int end, const char* na
 /// Throws where a column of a graph does not fit the others.
 void check(const Graph& of, int actions) {
     if (of.bytes() > 2 * MAX_BYTES) refuse("it is too large");
-    const std::size_t nodes = of.layer.size(), edges = of.action.size();
-    check_length(of.states, nodes * of.width, "states");
-    check_length(of.undefined, nodes, "undefined");
-    check_length(of.value, nodes, "value");
-    check_length(of.risk, nodes, "risk");
-    check_length(of.steps, nodes, "steps");
-    check_length(of.inside, nodes, "inside");
-    check_length(of.flags, edges, "flags");
-    check_length(of.reward, edges, "reward");
-    check_length(of.step_risk, edges, "step_risk");
-    check_length(of.going_on, edges, "going_on");
-    check_length(of.first_outcome, edges + 1, "first_outcome");
-    check_length(of.chance, of.target.size(), "chance");
+    for_each_column(of, actions, [](const std::string& name, const auto& column,
+                                    std::size_t length, double low, double high) {
+        if (column.size() != length)
+            refuse(name + " has " + std::to_string(column.size()) + " entries, not " +
+                   std::to_string(length));
+        for (const auto entry : column)
+            if (std::isfinite(high) && !(low <= entry && entry <= high))
+                refuse(name + " has an entry that is not from " + std::to_string(low) + " to " +
+                       std::to_string(high));
+    });
     check_rises(of.first_edge, of.edges(), "first_edge");
     check_rises(of.first_outcome, of.outcomes(), "first_outcome");
     if (std::adjacent_find(of.first_outcome.begin(), of.first_outcome.end()) !=
         of.first_outcome.end())
         refuse("an edge has no outcome");
-    check_range(of.action, 0, actions, "action");
-    check_range(of.target, ENDED, of.nodes(), "target");
-    check_range(of.layer, 0, std::int64_t{1} << 30, "layer");
     if (of.expanded() > of.nodes() ||
         std::any_of(of.inside.begin() + of.expanded(), of.inside.end(), [](int in) { return in; }))
-        refuse(std::to_string(of.expanded()) + " of " + std::to_string(nodes) +
+        refuse(std::to_string(of.expanded()) + " of " + std::to_string(of.nodes()) +
                " nodes are expanded, and more are inside");
 }
 
@@ -84,7 +88,8 @@ ClosedGraph::ClosedGraph(const Model& model, Preferences preferences, std::int64
 }
 
 void ClosedGraph::clear(std::vector<std::int64_t> inert) {
-    check_range(inert, 0, model_.fluents(), "inert");
+    for (const std::int64_t column : inert)
+        if (column < 0 || column >= model_.fluents()) refuse("inert has no such fluent");
     graph_ = Graph{};
     graph_.width = model_.fluents();
     index_.clear();
@@ -221,54 +226,25 @@ namespace {
 
 using State = In<double, nb::ndim<1>>;
 
-const double* state_of(const ClosedGraph& of, const State& state) {
-    if (state.size() != static_cast<std::size_t>(of.graph().width))
-        refuse("a state has " + std::to_string(of.graph().width) + " numbers");
-    return state.data();
-}
-
-/// Calls `visit` with name and numbers of every column that is saved.
-template <class Of, class Visit>
-void for_each_column(Of& of, Visit visit) {
-    visit("states", of.states);
-    visit("layer", of.layer);
-    visit("undefined", of.undefined);
-    visit("value", of.value);
-    visit("risk", of.risk);
-    visit("steps", of.steps);
-    visit("inside", of.inside);
-    visit("first_edge", of.first_edge);
-    visit("action", of.action);
-    visit("flags", of.flags);
-    visit("reward", of.reward);
-    visit("step_risk", of.step_risk);
-    visit("going_on", of.going_on);
-    visit("first_outcome", of.first_outcome);
-    visit("target", of.target);
-    visit("chance", of.chance);
-}
-
 nb::dict columns_of(const ClosedGraph& closed) {
     const Graph& of = closed.graph();
     nb::dict columns;
-    const auto add = [&columns](const char* name, auto numbers) {
+    const auto add = [&columns](const char* name, auto numbers, auto...) {
         const std::size_t length = numbers.size();
         columns[name] = array_of(std::move(numbers), {length});
     };
-    for_each_column(of, add);
-    add("dead_end", of.dead_end);
-    add("best", of.best);
+    for_each_column(of, 0, add);
     add("inert", closed.inert());
     return columns;
 }
 
 void restore(ClosedGraph& closed, const nb::dict& columns) {
     Graph of;
-    const auto take = [&columns](const char* name, auto& numbers) {
+    const auto take = [&columns](const char* name, auto& numbers, auto...) {
         using Number = typename std::decay_t<decltype(numbers)>::value_type;
         numbers = vector_of(nb::cast<In<Number, nb::ndim<1>>>(columns[name]));
     };
-    for_each_column(of, take);
+    for_each_column(of, 0, take);
     std::vector<std::int64_t> inert;
     take("inert", inert);
     closed.clear(std::move(inert));
@@ -282,7 +258,7 @@ void grow(ClosedGraph& closed, const In<double, nb::ndim<2>>& states, std::int64
 }
 
 std::optional<ForecastTuple> forecast(ClosedGraph& closed, const State& state) {
-    auto first = closed.forecast(state_of(closed, state));
+    auto first = closed.forecast(state_of(state, closed.graph().width));
     if (!first) return std::nullopt;
     return forecast_tuple(std::move(*first), closed.depth(),
                           closed.complete() ? Bound::EXHAUSTED : Bound::NODES);
@@ -298,24 +274,28 @@ void bind_closed_graph(nb::module_& module) {
                 new (self) ClosedGraph(model, {discount, accepted_risk}, max_edges);
             }, nb::arg("model"), nb::arg("discount"), nb::arg("accepted_risk"),
             nb::arg("max_edges"), nb::keep_alive<1, 2>())
-        .def("clear", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
+        .def("begin", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
                 self.clear(vector_of(inert));
             }, nb::arg("inert"), "Forget all nodes; `inert` are fluents that make no difference.")
         .def("grow", &grow, nb::arg("states"), nb::arg("limit"),
              "Add states [n, F] and what can be reached from them, and solve the graph.")
         .def("solve", &ClosedGraph::solve,
              "Find the best policy of every node.")
-        .def("forecast", &forecast, nb::arg("state"),
+        .def("look_up", &forecast, nb::arg("state"),
              "Return the fields of a `Forecast` for a state [F]; None where the state is not in the "
              "graph, or its best policy leaves the graph.")
         .def("ends", [](const ClosedGraph& self, const State& state) {
-                return self.ends(state_of(self, state));
+                return self.ends(state_of(state, self.graph().width));
             }, nb::arg("state"),
-            "Return whether the best policy leads from a state [F] to the end of the task.")
+            "Return whether the best policy leads from a state [F] to the end of the task. The first "
+            "outcome of every step is followed.")
         .def_prop_ro("nodes", [](const ClosedGraph& self) { return self.graph().nodes(); })
-        .def_prop_ro("expanded", [](const ClosedGraph& self) { return self.graph().expanded(); })
         .def_prop_ro("edges", [](const ClosedGraph& self) { return self.graph().edges(); })
-        .def_prop_ro("spreads", &ClosedGraph::spreads)
+        .def_prop_ro("complete", &ClosedGraph::complete,
+                     "Whether everything that can be reached is in the graph.")
+        .def_prop_ro("spreads", &ClosedGraph::spreads,
+                     "Whether edges hardly ever lead to a known state, so that the graph will not "
+                     "close.")
         .def_prop_ro("largest", [](const ClosedGraph& self) {
                 return largest_of(self.graph().states);
             }, "Largest magnitude of a number in all states.")

@@ -16,36 +16,15 @@ from numpy.typing import NDArray
 from serp import _core
 from serp._util.saved_state import Arrays, Saved
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import SAFE, Forecast, forecast_of
+from serp.planning.forecast import Forecast, forecast_of
 from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 
-_COLUMNS: Final[dict[str, tuple[str, float | None, float]]] = {
-    "states": ("f8", None, 0.0),
-    "layer": ("i4", 0, 2**30),
-    "undefined": ("u1", 0, 1),
-    "value": ("f8", None, 0.0),
-    "risk": ("f8", 0.0, 1.0),
-    "steps": ("i8", -1, SAFE),
-    "inside": ("u1", 0, 1),
-    "first_edge": ("i4", 0, 2**31),
-    "action": ("i4", 0, 2**31),
-    "flags": ("i8", 0, 2**53),
-    "reward": ("f8", None, 0.0),
-    "step_risk": ("f8", 0.0, 1.0),
-    "going_on": ("f8", 0.0, 1.0),
-    "first_outcome": ("i4", 0, 2**31),
-    "target": ("i4", -1, 2**31),
-    "chance": ("f8", 0.0, 1.0),
-    "inert": ("i8", 0, 2**31),
-}
-"""The columns that are saved: type, least and largest number. The others follow from them."""
 
-
-class ClosedGraph:
+class ClosedGraph(_core.ClosedGraph):
     """A planning graph in which all equal states are one node.
 
     Args:
@@ -57,46 +36,13 @@ class ClosedGraph:
     def __init__(
         self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
     ) -> None:
+        super().__init__(model.core, settings.discount, settings.accepted_risk, max_edges)
         self._model = model
-        self._core = _core.ClosedGraph(
-            model.core, settings.discount, settings.accepted_risk, max_edges
-        )
         self.clear()
 
     def clear(self) -> None:
         """Forget all nodes."""
-        written = self._model.as_written
-        self._core.clear(inert_fluents(self._model.ground) if written else _NO_FLUENTS)
-
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return self._core.nodes
-
-    @property
-    def expanded(self) -> int:
-        """Number of nodes whose actions were followed."""
-        return self._core.expanded
-
-    @property
-    def edges(self) -> int:
-        """Number of edges."""
-        return self._core.edges
-
-    @property
-    def complete(self) -> bool:
-        """Whether everything that can be reached is in the graph."""
-        return self.nodes == self.expanded
-
-    @property
-    def spreads(self) -> bool:
-        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
-        return self._core.spreads
-
-    @property
-    def largest(self) -> float:
-        """Largest magnitude of a number in all its states."""
-        return self._core.largest
+        self.begin(inert_fluents(self._model))
 
     def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
         """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
@@ -108,7 +54,7 @@ class ClosedGraph:
             states: The states. In an empty graph, all of these are expanded.
             limit: Most edges of the graph.
         """
-        self._core.grow(np.array(states, ndmin=2), limit)
+        super().grow(np.array(states, ndmin=2), limit)
 
     def forecast(self, state: Vector) -> Forecast | None:
         """Return the forecast for a state `[F]`.
@@ -116,33 +62,22 @@ class ClosedGraph:
         Returns:
             None where the state is not in the graph, or its best policy leaves the graph.
         """
-        fields = self._core.forecast(state)
+        fields = self.look_up(state)
         return None if fields is None else forecast_of(fields)
-
-    def ends(self, state: Vector) -> bool:
-        """Return whether the best policy leads from a state `[F]` to the end of the task.
-
-        The first outcome of every step is followed.
-        """
-        return self._core.ends(state)
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly."""
-        columns = self._core.columns()
-        return {name: columns[name] for name in _COLUMNS}
+        return self.columns()
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         self.clear()
         saved = Saved("planning graph", arrays, {})
         columns = {
-            name: saved.array(name, dtype, (-1,), low, high)
-            for name, (dtype, low, high) in _COLUMNS.items()
+            name: saved.array(name, column.dtype, (-1,), None)  # compiled code checks the values
+            for name, column in self.columns().items()
         }
         try:
-            self._core.restore(columns)
+            self.restore(columns)
         except ValueError as error:
             raise saved.wrong(str(error)) from None
-
-
-_NO_FLUENTS: Final = np.zeros(0, dtype=np.int64)

@@ -14,11 +14,9 @@ from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.flags import APPLICABLE
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
-from serp.planning.cell_graph import COARSEST, FINEST, CellGraph
-from serp.planning.cells import restored_values, saved_values
+from serp.planning.cell_graph import CellGraph
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
-from serp.planning.edges import Bound, lookahead_nodes
-from serp.planning.forecast import Forecast, score_of
+from serp.planning.forecast import Bound, Forecast, score_of
 from serp.planning.goal_search import GoalSearch
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk
@@ -66,10 +64,10 @@ class FarSightPlanner:
         self.goal_search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings)
         self._lookahead = Lookahead(model, settings)
-        actions = len(model.actions)
-        self._followed = lookahead_nodes(settings, actions, len(model.fluents)) * actions
+        self._followed = self._lookahead.followed
         self._revision = model.revision
         self._new_episode = True
+        self._checked: Vector | None = None
         self._since = self._wait = 0  # decisions since the last way was found, and before a search
         self._saved = self._price = self._cells_at = 0
         self._cells_price = 1
@@ -79,8 +77,10 @@ class FarSightPlanner:
         self._new_episode = True
 
     def forecast(self, state: Vector) -> Forecast:
-        """Return the forecast for a state `[F]`."""
-        self._earn()
+        """Return the forecast for a state `[F]`; a decision that was checked has earned already."""
+        if state is not self._checked:
+            self._earn()
+        self._checked = None
         forecast = self._forecast_by_graph(state)
         if forecast is None and self._may_search(state):
             forecast = self._search(state)
@@ -98,6 +98,7 @@ class FarSightPlanner:
         if forecast is None:
             forecast = self._lookahead.check_safety(state)
         if forecast is not None:  # else the planner plans, and earns
+            self._checked = state
             self._earn()
         return forecast
 
@@ -214,12 +215,10 @@ class FarSightPlanner:
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        cells = self.cells
-        arrays = nested("graph", self.graph.state_dict())
-        arrays |= nested("cells", saved_values(cells.values))
-        meta: dict[str, Any] = {name: getattr(self, f"_{name}") for name in _COUNTS}
-        meta |= {"saved": self._saved, "new_episode": self._new_episode}
-        return arrays, meta | {"bins": cells.bins, "explores": cells.explores}
+        cells, meta = self.cells.state_dict()
+        arrays = nested("graph", self.graph.state_dict()) | nested("cells", cells)
+        meta |= {name: getattr(self, f"_{name}") for name in _COUNTS}
+        return arrays, meta | {"saved": self._saved, "new_episode": self._new_episode}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
@@ -233,11 +232,7 @@ class FarSightPlanner:
             setattr(self, f"_{name}", saved.whole(name))
         self._saved = saved.whole("saved", -MOST, _MOST_SAVED)
         self._new_episode = saved.truth("new_episode")
-        cells = self.cells
-        cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
-        if 0.0 < cells.bins < COARSEST:
-            raise saved.wrong(f"bins is {cells.bins}")
-        cells.values = restored_values(part_of(arrays, "cells"), len(self.model.fluents))
+        self.cells.load_state_dict(part_of(arrays, "cells"), meta)
 
 
 _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed", "revision")

@@ -14,8 +14,8 @@
 
 namespace serp {
 
-/// What ended an expansion; the counterpart of `Bound` in edges.py, which documents it.
-enum class Bound : int { DEPTH = 0, NODES = 1, EXHAUSTED = 3, SAFETY = 6 };
+/// What ended an expansion; the counterpart of `Bound` in forecast.py, which documents it.
+enum class Bound : int { DEPTH = 0, NODES = 1, EXHAUSTED = 2, SAFETY = 5 };
 
 /// Choice and columns [A] of `Forecast` in forecast.py, which documents them.
 struct FirstActions {

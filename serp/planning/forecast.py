@@ -3,17 +3,40 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
-from serp.planning.edges import Bound
+from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.preference import PathScore, path_score, rank_of
 
 SAFE = 1 << 30
 """Stands for the safe control periods of a path on which every risk is accepted."""
+
+
+class Bound(IntEnum):
+    """What ended the expansion of the planning graph.
+
+    `DEPTH`: so many layers were asked for. `NODES`: a budget was spent. `EXHAUSTED`: all
+    that can be reached is in the graph. `CELLS`: the last layer, whose states have the values of a
+    graph over cells, which holds all that is known and can be reached. `UNKNOWN`: the same, and
+    nothing known there is worth more than going on, so the plan leads to what is not known, whose
+    value is the most that there could be. `SAFETY`: nothing but whether actions are safe was asked.
+    """
+
+    DEPTH = 0
+    NODES = 1
+    EXHAUSTED = 2
+    CELLS = 3
+    UNKNOWN = 4
+    SAFETY = 5
+
+    @property
+    def partial(self) -> bool:
+        """Whether returns are partial: those of the lookahead, without what comes later."""
+        return self in (Bound.DEPTH, Bound.NODES)
 
 
 class Forecast(NamedTuple):
@@ -57,16 +80,6 @@ class Forecast(NamedTuple):
     def unsafe(self) -> NDArray[np.bool_]:
         """`[A]` whether the file flags the action."""
         return (self.flags & UNSAFE).astype(np.bool_)
-
-    @property
-    def risk(self) -> NDArray[np.float64]:
-        """`[A]` predicted probability, in [0, 1], that one control period is unsafe."""
-        return risks_of(self.flags)
-
-    @property
-    def terminal(self) -> NDArray[np.bool_]:
-        """`[A]` whether the action is predicted to end the task."""
-        return (self.flags & TERMINAL).astype(np.bool_)
 
     @property
     def safe(self) -> bool:
@@ -124,7 +137,7 @@ def forecast_of(fields: tuple[Any, ...]) -> Forecast:
     return Forecast._make((*fields[:-1], Bound(fields[-1])))
 
 
-def score_of(of: Forecast, action: int) -> PathScore:
-    """Return the score of the best path that begins with an action."""
+def score_of(of: Any, action: int) -> PathScore:
+    """Return the score of the best path that begins with an action, by a kind of forecast."""
     rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
     return path_score(rank, float(of.path_risk[action]), steps, float(of.value[action]))

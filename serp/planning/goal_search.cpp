@@ -216,39 +216,40 @@ std::vector<double> WaySearch<Number>::way(int node) const {
 
 // For Python ---------------------------------------------------------------------------------------
 
-/// Edges that were followed, and the states [N * F]; none where no way was found.
-using Found = std::pair<std::int64_t, std::optional<std::vector<double>>>;
-
+/// Returns the states [N, F] on a way; none where none was found.
 template <class Number>
-Found found_way(const Model& model, const Relaxation& relaxation,
-                std::vector<std::int64_t> inert, double accepted_risk, const double* state,
-                std::int64_t limit) {
-    Found found;
+std::optional<Array<double>> way_of(const Model& model, const Relaxation& relaxation,
+                                    std::vector<std::int64_t> inert, double accepted_risk,
+                                    const double* state, std::int64_t limit,
+                                    std::int64_t& followed) {
     try {
-        WaySearch<Number> tree(model, relaxation, std::move(inert), accepted_risk, found.first);
+        WaySearch<Number> tree(model, relaxation, std::move(inert), accepted_risk, followed);
         const int node = tree.search(state, limit);
-        if (node >= 0) found.second = tree.way(node);
+        if (node < 0) return std::nullopt;
+        const auto width = static_cast<std::size_t>(std::max(1, model.fluents()));
+        std::vector<double> states = tree.way(node);
+        const std::size_t count = states.size() / width;
+        return array_of(std::move(states), {count, static_cast<std::size_t>(model.fluents())});
     } catch (const std::bad_alloc&) {  // no memory: no way was found
+        return std::nullopt;
     }
-    return found;
 }
 
 std::pair<std::int64_t, std::optional<Array<double>>> find_way(
     const Model& model, const Relaxation& relaxation,
     const In<std::int64_t, nb::ndim<1>>& inert, bool binary, double accepted_risk,
     const In<double, nb::ndim<1>>& state, std::int64_t limit) {
-    const auto width = static_cast<std::size_t>(model.fluents());
-    if (relaxation.fluents() != model.fluents() || state.size() != width)
+    if (relaxation.fluents() != model.fluents() ||
+        state.size() != static_cast<std::size_t>(model.fluents()))
         throw std::invalid_argument("model, relaxation and state differ in their fluents");
     const std::vector<std::int64_t> fluents = vector_of(inert);
     for (const auto fluent : fluents)
         if (fluent < 0 || fluent >= model.fluents())
             throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
-    const auto& find = binary ? found_way<std::uint8_t> : found_way<double>;
-    Found found = find(model, relaxation, fluents, accepted_risk, state.data(), limit);
-    if (!found.second) return {found.first, std::nullopt};
-    const std::size_t count = found.second->size() / std::max<std::size_t>(1, width);
-    return {found.first, array_of(std::move(*found.second), {count, width})};
+    std::int64_t followed = 0;
+    const auto& find = binary ? way_of<std::uint8_t> : way_of<double>;
+    auto way = find(model, relaxation, fluents, accepted_risk, state.data(), limit, followed);
+    return {followed, std::move(way)};
 }
 
 }  // namespace

@@ -3,19 +3,197 @@
 States are expanded in two orders in turn: those with new values, or pairs of values, among the
 states that lack as many conditions of the goal come first in one, those with the least relaxed cost
 in the other (best-first width search: Lipovetzky & Geffner, AAAI 2017).
+
+The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
+facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
+facts true at a cost. For comparisons the cost of an operator is the number of times that it has to
+be repeated (Scala, Haslum & Thiébaux, "Heuristics for numeric planning via subgoaling", IJCAI
+2016). What cannot be said so is taken to be true: the relaxation is optimistic.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import Final, NamedTuple
+
 from serp._core import Relaxation, find_way
+from serp.model import ground_model as g
+from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import Change
 from serp.planning.inert import inert_fluents
-from serp.planning.relaxation import relaxed
 from serp.settings import PlannerSettings
+
+_EVENT: Final = 2.0**-20
+"""The cost of an event: next to nothing, so that only what holds costs nothing."""
+_MINUS: Final = Fraction(-1)
+_NEVER: Final = Linear({}, _MINUS)
+
+
+def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> Relaxation | None:
+    """Return the relaxed domain of a model without processes; None where there is no goal.
+
+    The goal is the problem's; a domain without one is done where an action or event ends the task
+    and increases the reward.
+    """
+    if ground.goal is not None:
+        goal = ground.goal.operands if isinstance(ground.goal, g.AnyOf) else (ground.goal,)
+        ways: list[tuple[g.Test, ...]] = [(way,) for way in goal]
+    else:
+        schemas = (*ground.events, *ground.actions)
+        ways = [s.preconditions for s in schemas if succeeds(s, theta)]
+    return _Relaxation(ground, theta).result(ways[:1_000]) if ways else None
+
+
+def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
+    """Whether a schema always ends the task and increases the reward by a number of the file."""
+    certain = [e for e in schema.effects if e.condition == g.Constant(True)]
+    ends = any(isinstance(e, g.SetBoolean) and e.target == g.TERMINAL_TARGET for e in certain)
+    return ends and any(
+        isinstance(effect, g.SetNumber)
+        and effect.target == g.REWARD_TARGET
+        and isinstance(effect.value, g.ParameterRef)
+        and (theta[effect.value.parameter] > 0.0) == (effect.change is Change.INCREASE)
+        for effect in certain
+    )
+
+
+class _Operator(NamedTuple):
+    """Facts that are needed, cost, facts that become true, known changes of fluents.
+
+    A change is None where it is not known.
+    """
+
+    needs: list[int]
+    cost: float
+    adds: list[int]
+    changes: dict[object, float | None]
+
+
+class _Relaxation:
+    """Collects facts and operators."""
+
+    def __init__(self, ground: g.GroundModel, theta: Sequence[float]) -> None:
+        self.theta = theta
+        self.fluents = len(ground.fluents)
+        self.base = 2 * self.fluents
+        self.comparisons: list[tuple[Linear, bool]] = []
+        self.known: dict[object, int] = {}
+        self.operators: list[_Operator] = []
+        for schemas, cost in ((ground.actions, 1.0), (ground.events, _EVENT)):
+            for schema in schemas:
+                self._read(schema, cost)
+
+    def result(self, ways: Iterable[Sequence[g.Test]]) -> Relaxation:
+        goals = [sorted(set(self._all(way, True))) for way in ways]
+        readers: dict[object, list[int]] = {}
+        for k, (form, _) in enumerate(self.comparisons):
+            for fluent in form.terms:
+                readers.setdefault(fluent, []).append(k)
+        return Relaxation(
+            fluents=self.fluents,
+            comparisons=[
+                (
+                    [(f, float(factor)) for f, factor in form.terms.items() if isinstance(f, int)],
+                    float(form.constant),
+                    strict,
+                )
+                for form, strict in self.comparisons
+            ],
+            operators=[(o.needs, o.cost, self._adds(o, readers)) for o in self.operators],
+            ways=goals,
+        )
+
+    # Conditions --------------------------------------------------------------------------------
+
+    def _all(self, tests: Iterable[g.Test], wanted: bool) -> list[int]:
+        return [fact for test in tests for fact in self._facts(test, wanted)]
+
+    def _any(self, tests: Iterable[g.Test], wanted: bool) -> list[int]:
+        """Return a fact that is true where one of some conditions is `wanted`."""
+        fact = self._fact(_NEVER)
+        self.operators += [_Operator(self._facts(t, wanted), 0.0, [fact], {}) for t in tests]
+        return [fact]
+
+    def _facts(self, test: g.Test, wanted: bool) -> list[int]:
+        """Return the facts that all have to hold for a condition to be `wanted`."""
+        match test:
+            case g.Constant(value):
+                return [] if value == wanted else [self._fact(_NEVER)]
+            case g.Holds(fluent):
+                return [2 * fluent + wanted] if fluent >= 0 else []
+            case g.Not(operand):
+                return self._facts(operand, not wanted)
+            case g.All(operands):
+                return self._all(operands, True) if wanted else self._any(operands, False)
+            case g.AnyOf(operands):
+                return self._any(operands, True) if wanted else self._all(operands, False)
+            case g.Compare():
+                return self._comparison(test, wanted)
+
+    def _comparison(self, test: g.Compare, wanted: bool) -> list[int]:
+        above = linear(test.left, self.theta).plus(linear(test.right, self.theta), _MINUS)
+        below = Linear({}, Fraction(0)).plus(above, _MINUS)
+        if not all(isinstance(atom, int) for atom in above.terms):
+            return []
+        if test.operator == "=":
+            return [self._fact(above), self._fact(below)] if wanted else []
+        up = (test.operator in (">", ">=")) == wanted
+        return [self._fact(above if up else below, (test.operator in (">", "<")) == wanted)]
+
+    def _fact(self, form: Linear, strict: bool = False) -> int:
+        """Return the fact that a sum is at least 0, or positive; one that never holds is new."""
+        fact = self.base + len(self.comparisons)
+        if form is not _NEVER:
+            fact = self.known.setdefault((form.key, strict), fact)
+        if fact == self.base + len(self.comparisons):
+            self.comparisons.append((form, strict))
+        return fact
+
+    # Operators ---------------------------------------------------------------------------------
+
+    def _read(self, schema: g.GroundSchema, cost: float) -> None:
+        """Add an operator for all effects of a schema that have the same condition."""
+        needs = self._all(schema.preconditions, True)
+        operators: dict[int, _Operator] = {}
+        for effect in schema.effects:
+            if (condition := id(effect.condition)) not in operators:
+                facts = needs + self._facts(effect.condition, True)
+                operators[condition] = _Operator(facts, cost, [], {})
+            _, _, adds, changes = operators[condition]
+            if isinstance(effect, g.SetBoolean):
+                adds += [2 * effect.target + effect.value] if effect.target >= 0 else []
+            elif effect.target >= 0:
+                amount = linear(effect.value, self.theta)
+                sign = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}.get(effect.change)
+                known = changes.get(effect.target, 0.0)
+                if sign is None or amount.terms or known is None:
+                    changes[effect.target] = None
+                else:
+                    changes[effect.target] = known + sign * float(amount.constant)
+        self.operators += operators.values()
+
+    def _adds(
+        self, operator: _Operator, readers: dict[object, list[int]]
+    ) -> list[tuple[int, float]]:
+        """Return the facts that an operator makes true, and the gains in comparisons."""
+        adds = [(fact, 0.0) for fact in operator.adds]
+        changes = operator.changes
+        for k in sorted({k for fluent in changes for k in readers.get(fluent, ())}):
+            parts = [
+                (float(factor), changes.get(fluent, 0.0))
+                for fluent, factor in self.comparisons[k][0].terms.items()
+            ]
+            gain = sum(factor * change for factor, change in parts if change is not None)
+            unknown = any(change is None for _, change in parts)
+            if unknown or gain > 0.0:
+                adds.append((self.base + k, 0.0 if unknown else gain))
+        return adds
 
 
 class GoalSearch:
-    """Finds a way to the goal, see `serp.planning.goal_search`.
+    """Finds a way to the goal.
 
     Where the world moves by itself, by processes, nothing is searched for: a long way through an
     uncertain future is worth less than its values say.
@@ -31,7 +209,6 @@ class GoalSearch:
         self._relaxed: Relaxation | None = None
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
-        self._inert = inert_fluents(model.ground)
 
     @property
     def goal(self) -> bool:
@@ -48,7 +225,7 @@ class GoalSearch:
         if self._relaxed is None:
             return None
         model = self._model
-        inert = self._inert if model.as_written else self._inert[:0]
+        inert = inert_fluents(model)
         numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
         self.steps, way = find_way(
             model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted,

@@ -6,18 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground_model as g
+from serp.model.transition_model import TransitionModel
 from serp.pddl.syntax import Change
 
 _SUMS = (Change.INCREASE, Change.DECREASE)
 
 
-def inert_fluents(ground: g.GroundModel) -> NDArray[np.int64]:
-    """Return the columns of the fluents that nothing depends on.
+def inert_fluents(model: TransitionModel) -> NDArray[np.int64]:
+    """Return the columns of the fluents that nothing depends on; none of an adapted model.
 
     No condition and no effect reads them. In the metric they may stand as terms of a sum, if they
     are only increased and decreased: the gain of the metric is then the same for all their values.
     """
-    read: set[int] = set()
+    ground, read = model.ground, set[int]()
+    if not model.as_written:
+        return np.zeros(0, dtype=np.int64)
     for schema in ground.schemas:
         read |= g.reads(schema)
     if ground.goal is not None:

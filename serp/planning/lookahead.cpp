@@ -19,11 +19,11 @@ constexpr double INF = std::numeric_limits<double>::infinity();
 
 }  // namespace
 
-LookaheadSearch::LookaheadSearch(const Model& model, const LookaheadRules& rules)
+Lookahead::Lookahead(const Model& model, const LookaheadRules& rules)
     : model_(model), rules_(rules), width_(model.fluents()), actions_(model.actions()),
       stepper_(model.stepper()) {}
 
-LookaheadForecast LookaheadSearch::forecast(const double* state, const LeafValues* leaves) {
+LookaheadForecast Lookahead::forecast(const double* state, const CellValues* leaves) {
     LookaheadForecast found{FirstActions(actions_)};
     states_.resize(width_ + 1);
     std::copy_n(state, width_, states_.data());
@@ -47,7 +47,7 @@ LookaheadForecast LookaheadSearch::forecast(const double* state, const LeafValue
 }
 
 /// Expands the nodes of a layer; returns whether there was room for its edges.
-bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* leaves,
+bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
                              LookaheadForecast& found) {
     const bool last = depth + 1 == rules_.depth;
     const int most = std::min<std::int64_t>(rules_.max_nodes,
@@ -88,7 +88,7 @@ bool LookaheadSearch::expand(int start, int end, int depth, const LeafValues* le
 
 /// Returns the node of the next layer with the state at a position, behind all nodes. It is a new one
 /// where there is none; -1 where that is one too many, and all nodes of the layer are leaves.
-int LookaheadSearch::child_of(int position) {
+int Lookahead::child_of(int position) {
     if (stored_ > rules_.max_nodes) return -1;
     const double* state = state_at(position);
     const int node = table_.find_or_add(
@@ -101,7 +101,7 @@ int LookaheadSearch::child_of(int position) {
 
 /// Finds the best path from a node of the first `expanded` ones, whose children are known. What is
 /// found for every action remains in `first` for the last node, 0.
-void LookaheadSearch::choose(int node, int expanded, FirstActions& first) {
+void Lookahead::choose(int node, int expanded, FirstActions& first) {
     const Edge* edges = edges_.data() + static_cast<std::size_t>(node) * actions_;
     PathScore best;
     int chosen = -1;
@@ -141,11 +141,11 @@ void LookaheadSearch::choose(int node, int expanded, FirstActions& first) {
             if (value > best.value || (value == best.value && action < chosen))
                 chosen = action, best.value = value;
         }
-    paths_[node] = {best.value, best.risk, best.steps};
+    paths_[node] = {best.value, best.risk, best.steps, chosen};
     first.choice = chosen;
 }
 
-LookaheadForecast LookaheadSearch::check_safety(const double* state) {
+LookaheadForecast Lookahead::check_safety(const double* state) {
     LookaheadForecast found{FirstActions(actions_)};
     FirstActions& first = found.first;
     // The states after the first actions come first, then those along a path.
@@ -178,7 +178,7 @@ LookaheadForecast LookaheadSearch::check_safety(const double* state) {
 }
 
 /// Returns whether a path without risk begins in a state at a depth, as far as few edges show.
-bool LookaheadSearch::safe_path_from(const double* state, int depth, std::int64_t& followed) {
+bool Lookahead::safe_path_from(const double* state, int depth, std::int64_t& followed) {
     if (depth == rules_.depth) return true;
     // As many as it takes to try all actions in every state of one path by each first action.
     const std::int64_t most =
@@ -201,20 +201,16 @@ bool LookaheadSearch::safe_path_from(const double* state, int depth, std::int64_
     return !applicable && !undefined;
 }
 
-Lookahead::Lookahead(const Model& model, const LookaheadRules& rules) : model_(model), rules_(rules) {
-    searches_.push_back(std::make_unique<LookaheadSearch>(model_, rules_));
-}
-
 std::vector<LookaheadForecast> Lookahead::forecast_batch(const double* states, int count,
-                                                         const LeafValues* leaves, int threads) {
+                                                         const CellValues* leaves, int threads) {
     threads = std::max(1, std::min(threads, count));
-    while (static_cast<int>(searches_.size()) < threads)
-        searches_.push_back(std::make_unique<LookaheadSearch>(model_, rules_));
+    while (static_cast<int>(others_.size()) < threads - 1)
+        others_.push_back(std::make_unique<Lookahead>(model_, rules_));
     std::vector<LookaheadForecast> found(count, LookaheadForecast{FirstActions(0)});
     const auto part = [&](int thread) {
+        Lookahead& its = thread ? *others_[thread - 1] : *this;
         for (int k = thread; k < count; k += threads)
-            found[k] = searches_[thread]->forecast(
-                states + static_cast<std::size_t>(k) * model_.fluents(), leaves);
+            found[k] = its.forecast(states + static_cast<std::size_t>(k) * width_, leaves);
     };
     std::vector<std::future<void>> others;
     others.reserve(threads);
@@ -241,7 +237,7 @@ Result result_of(LookaheadForecast&& of) {
     return {forecast_tuple(std::move(of.first), of.depth, of.bound), of.followed};
 }
 
-void check_width(const Lookahead& lookahead, std::size_t numbers, const LeafValues* leaves) {
+void check_width(const Lookahead& lookahead, std::size_t numbers, const CellValues* leaves) {
     if (numbers != static_cast<std::size_t>(lookahead.width()) ||
         (leaves && leaves->width() != lookahead.width()))
         throw std::invalid_argument("a state has " + std::to_string(lookahead.width()) +
@@ -249,19 +245,13 @@ void check_width(const Lookahead& lookahead, std::size_t numbers, const LeafValu
 }
 
 Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
-                const LeafValues* leaves) {
+                const CellValues* leaves) {
     check_width(lookahead, state.size(), leaves);
     return result_of(lookahead.forecast(state.data(), leaves));
 }
 
-ForecastTuple check_safety(Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
-    check_width(lookahead, state.size(), nullptr);
-    LookaheadForecast of = lookahead.check_safety(state.data());
-    return forecast_tuple(std::move(of.first), of.depth, of.bound);
-}
-
 std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::ndim<2>>& states,
-                                   const LeafValues* leaves, int threads) {
+                                   const CellValues* leaves, int threads) {
     check_width(lookahead, states.shape(1), leaves);
     std::vector<Result> results;
     for (auto& found : lookahead.forecast_batch(
@@ -270,21 +260,16 @@ std::vector<Result> forecast_batch(Lookahead& lookahead, const In<double, nb::nd
     return results;
 }
 
-std::tuple<Array<double>, Array<double>, Array<std::int64_t>> paths_of(const Lookahead& of) {
-    const std::size_t count = of.paths().size();
-    std::vector<double> value, risk;
-    std::vector<std::int64_t> steps;
-    for (const auto& path : of.paths()) {
-        value.push_back(path.value), risk.push_back(path.risk), steps.push_back(path.steps);
-    }
-    return {array_of(std::move(value), {count}), array_of(std::move(risk), {count}),
-            array_of(std::move(steps), {count})};
+std::vector<std::tuple<double, double, std::int64_t, int>> paths_of(const Lookahead& of) {
+    std::vector<std::tuple<double, double, std::int64_t, int>> paths;
+    for (const auto& path : of.paths())
+        paths.emplace_back(path.value, path.risk, path.steps, path.action);
+    return paths;
 }
 
 }  // namespace
 
 void bind_lookahead(nb::module_& module) {
-    nb::class_<LeafValues>(module, "LeafValues", "Values of the states where a lookahead ends.");
     nb::class_<Lookahead>(module, "Lookahead", "The planning graph of one state with a depth.")
         .def("__init__", [](Lookahead* self, const Model& model, int depth, double discount,
                             double accepted_risk, int max_nodes, std::int64_t max_edges) {
@@ -295,13 +280,14 @@ void bind_lookahead(nb::module_& module) {
             nb::arg("max_nodes"), nb::arg("max_edges"), nb::keep_alive<1, 2>())
         .def("forecast", &forecast, nb::arg("state"), nb::arg("leaves").none(),
              "Return the fields of a `Forecast` for a state [F], and the edges followed for it.")
-        .def("check_safety", &check_safety, nb::arg("state"),
-             "Return the fields of a `Forecast` that says only which actions are safe.")
+        .def("check_safety", [](Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
+                return result_of(lookahead.check_safety(state_of(state, lookahead.width())));
+            }, nb::arg("state"), "Return what says only which actions are safe, as `forecast` does.")
         .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
              nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
         .def("paths", &paths_of,
-             "Return value, risk and safe steps [n] of the best path from each expanded state of "
-             "the newest forecast, in the order in which they were found.");
+             "Return value, risk, safe steps and first action (-1 for none) of the best path from "
+             "each expanded state of the newest forecast, in the order in which they were found.");
 }
 
 }  // namespace serp

@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "serp/model/model.hpp"
+#include "serp/planning/cells.hpp"
 #include "serp/planning/forecast.hpp"
 #include "serp/planning/hash_table.hpp"
-#include "serp/planning/leaf_values.hpp"
 #include "serp/planning/preference.hpp"
 
 namespace serp {
@@ -29,18 +29,19 @@ struct LookaheadForecast {
     std::int64_t followed = 0;
 };
 
-/// Searches from one state at a time. Has scratch memory, which is bounded by the budgets: one for
-/// each thread.
-class LookaheadSearch {
+/// Monitor-replanning for use in every step of a training: searches from one state at a time. Has
+/// scratch memory, which is bounded by the budgets: one for each thread.
+class Lookahead {
 public:
-    /// The model must outlive the search.
-    LookaheadSearch(const Model& model, const LookaheadRules& rules);
+    /// The model must outlive the lookahead.
+    Lookahead(const Model& model, const LookaheadRules& rules);
+    Lookahead(const Lookahead&) = delete;
 
     /// Expands the planning graph of a state [F] and finds the best path of every first action.
     ///
     /// `leaves` are the values of the states that the last layer leads to; 0 without. Where a budget
     /// ends the expansion, leaves are worth 0.
-    LookaheadForecast forecast(const double* state, const LeafValues* leaves);
+    LookaheadForecast forecast(const double* state, const CellValues* leaves);
 
     /// Finds out only whether a path without risk begins with each first action of a state [F], to
     /// the depth of the lookahead or the end of the task: depth-first, up to the first such path.
@@ -50,14 +51,20 @@ public:
     /// in `safe_steps` is what `forecast` gives. With another bound it is not known.
     LookaheadForecast check_safety(const double* state);
 
-    /// The best path from a state.
+    /// Returns the forecasts for states [B, F], computed by so many threads.
+    std::vector<LookaheadForecast> forecast_batch(const double* states, int count,
+                                                  const CellValues* leaves, int threads);
+
+    /// The best path from a state, and its first action; -1 where none is applicable.
     struct Path {
         double value = 0.0, risk = 0.0;
         std::int64_t steps = SAFE;
+        std::int32_t action = -1;
     };
     /// Returns the best paths from the states of the newest forecast that were expanded, in the order
     /// in which they were found.
     const std::vector<Path>& paths() const { return paths_; }
+    int width() const { return width_; }
 
 private:
     /// An edge from a node to the next layer.
@@ -68,7 +75,7 @@ private:
         std::uint16_t end;  ///< the learned chance that the task ends, as in `Flags`
     };
 
-    bool expand(int start, int end, int depth, const LeafValues* leaves, LookaheadForecast& found);
+    bool expand(int start, int end, int depth, const CellValues* leaves, LookaheadForecast& found);
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
     bool safe_path_from(const double* state, int depth, std::int64_t& followed);
@@ -86,34 +93,7 @@ private:
     std::vector<Edge> edges_;     ///< [N * A]
     std::vector<Path> paths_;     ///< of the expanded nodes
     HashTable table_;             ///< of the next layer
-};
-
-/// Monitor-replanning for use in every step of a training. Not thread-safe.
-class Lookahead {
-public:
-    /// The model must outlive the lookahead.
-    Lookahead(const Model& model, const LookaheadRules& rules);
-    Lookahead(const Lookahead&) = delete;
-
-    /// Returns the forecast for a state [F]; see `LookaheadSearch::forecast`.
-    LookaheadForecast forecast(const double* state, const LeafValues* leaves) {
-        return searches_[0]->forecast(state, leaves);
-    }
-
-    /// See `LookaheadSearch::check_safety`.
-    LookaheadForecast check_safety(const double* state) { return searches_[0]->check_safety(state); }
-
-    /// Returns the forecasts for states [B, F], computed by so many threads.
-    std::vector<LookaheadForecast> forecast_batch(const double* states, int count,
-                                                  const LeafValues* leaves, int threads);
-
-    const std::vector<LookaheadSearch::Path>& paths() const { return searches_[0]->paths(); }
-    int width() const { return model_.fluents(); }
-
-private:
-    const Model& model_;
-    const LookaheadRules rules_;
-    std::vector<std::unique_ptr<LookaheadSearch>> searches_;  ///< one for each thread
+    std::vector<std::unique_ptr<Lookahead>> others_;  ///< of the other threads
 };
 
 }  // namespace serp

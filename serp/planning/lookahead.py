@@ -6,20 +6,56 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp import _core
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import Bound, edge_budget, lookahead_nodes
-from serp.planning.forecast import Forecast, forecast_of
-from serp.planning.preference import PathScore, path_score
+from serp.planning.forecast import Bound, Forecast, forecast_of
 from serp.settings import PlannerSettings
 
+MAX_EDGES: Final = 4_000_000
+"""Most edges that are tried."""
+MAX_NUMBERS: Final = 10_000_000
+"""Most numbers in all states that the edges of a graph lead to."""
 _CORES = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 _WORTH = 500
 """Most edges of a search from which on threads save time; so many take about 0.1 ms."""
+
+
+def _most_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
+    """Return the most nodes that a lookahead expands: the budget, or the whole tree if smaller.
+
+    Every node but the root has an edge that leads to it.
+    """
+    by_edges = min(MAX_EDGES // max(1, actions), edge_budget(fluents) + 1)
+    budget = max(1, min(settings.max_nodes, by_edges))
+    tree, layer = 0, 1
+    for _ in range(settings.depth):
+        tree += layer
+        layer *= max(1, actions)
+        if tree >= budget:
+            return budget
+    return tree
+
+
+def edge_budget(fluents: int) -> int:
+    """Return the most edges of a graph whose states have `fluents` numbers.
+
+    This bounds the memory: a layer that would exceed it is dropped, as by `max_nodes`.
+    """
+    return MAX_NUMBERS // (fluents + 1)
+
+
+class BestPath(NamedTuple):
+    """The best path from a state, as in `Forecast`, and its first action; -1 for none."""
+
+    value: float
+    risk: float
+    safe_steps: int
+    action: int
 
 
 class Lookahead:
@@ -37,25 +73,23 @@ class Lookahead:
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
         self.model = model
         self.settings = settings or PlannerSettings()
-        self.leaves: _core.LeafValues | None = None
+        self.leaves: _core.CellValues | None = None
         self._width, actions = len(model.fluents), len(model.actions)
-        nodes = lookahead_nodes(self.settings, actions, self._width)
+        nodes = _most_nodes(self.settings, actions, self._width)
         self.followed = self._most = nodes * actions
         self._core = _core.Lookahead(
             model.core, self.settings.depth, self.settings.discount, self.settings.accepted_risk,
             nodes, edge_budget(self._width),
         )  # fmt: skip
-        self._prefetched: dict[bytes, tuple[_core.LeafValues | None, Forecast, int]] = {}
+        self._prefetched: dict[bytes, tuple[_core.CellValues | None, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
 
-    def scores(self, count: int) -> Iterator[PathScore]:
-        """Yield the score of the best path from each of the first states of the newest forecast.
+    def paths(self) -> Iterator[BestPath]:
+        """Yield the best path from each state that the newest forecast expanded.
 
         They are in the order in which they were found, without those in which the task has ended.
         """
-        columns = (column[:count].tolist() for column in self._core.paths())
-        for value, risk, steps in zip(*columns, strict=True):
-            yield path_score(0, risk, steps, value)
+        return map(BestPath._make, self._core.paths())
 
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
@@ -103,5 +137,5 @@ class Lookahead:
         NaN, and no action is chosen. None where a few edges, depth-first, do not find a path
         without risk by every action that has no risk of its own.
         """
-        forecast = forecast_of(self._core.check_safety(self._checked(state)))
+        forecast = forecast_of(self._core.check_safety(self._checked(state))[0])
         return forecast if forecast.bound is Bound.SAFETY else None

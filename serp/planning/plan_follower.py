@@ -49,39 +49,25 @@ def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
 class AdvisedPlanner:
     """Follows advice where the lookahead predicts no more risk of it than of other actions.
 
-    `advise` returns the position of a ground action for a state `[F]`; -1 where it has no advice.
+    A `TaskError` says that the function of the fluents' values fails or names no ground action.
     """
 
-    def __init__(
-        self, model: TransitionModel, settings: PlannerSettings, advise: Callable[[Vector], int]
-    ) -> None:
+    def __init__(self, model: TransitionModel, settings: PlannerSettings, advise: Advise) -> None:
         self.model = model
         self._near = Lookahead(model, settings)
-        self._advise = advise
+        self._advise, self._name = advise, settings.name
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        return advised(self._near.forecast(state), self._advise(state))
-
-
-def advised_by(advise: Advise, model: TransitionModel, settings: PlannerSettings) -> AdvisedPlanner:
-    """Return a planner that follows a function of the fluents' values.
-
-    The planner raises a `TaskError` where the function fails or names no ground action.
-    """
-    name = settings.name
-
-    def advice(state: Vector) -> int:
         try:
-            action = advise(model.values(state))
+            action = self._advise(self.model.values(state))
         except Exception as error:
-            raise TaskError(f"planner `{name}`: {type(error).__name__}: {error}") from error
+            raise TaskError(f"planner `{self._name}`: {type(error).__name__}: {error}") from error
         try:
-            return -1 if action is None else model.action_index(action)
+            position = -1 if action is None else self.model.action_index(action)
         except StateError as error:
-            raise TaskError(f"planner `{name}` advises {action!r}: {error}") from None
-
-    return AdvisedPlanner(model, settings, advice)
+            raise TaskError(f"planner `{self._name}` advises {action!r}: {error}") from None
+        return advised(self._near.forecast(state), position)
 
 
 MOST_EDGES: Final = 20_000

@@ -14,12 +14,10 @@ Compiled code has the same in preference.hpp.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, RISK_UNIT, RISKY, UNSAFE, risk_units
+from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risk_of
 
 PathScore = tuple[int, float, int, float]
 """The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
@@ -27,9 +25,7 @@ PathScore = tuple[int, float, int, float]
 
 def step_risk(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
-    risk = risk_units(flags) * RISK_UNIT
-    if flags & UNSAFE:
-        return 1.0
+    risk = risk_of(flags)
     return risk if risk > accepted else 0.0
 
 
@@ -45,35 +41,9 @@ def rank_of(flags: int) -> int:
     return 1 if flags & RISKY else 0
 
 
-def within_slack(risk: float, least: float, accepted: float) -> bool:
-    """Return whether a path of this risk counts as one of the least risk.
-
-    Args:
-        risk: In [0, 1]; 1 where damage is certain.
-        least: Least risk of the actions of the best rank in the same state.
-        accepted: `PlannerSettings.accepted_risk`; 0 accepts nothing.
-    """
-    return accepted > 0.0 and risk < 1.0 and risk <= least + accepted
-
-
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
     """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
-
-
-def counted(scores: Sequence[PathScore], accepted: float) -> list[PathScore]:
-    """Return the scores of all actions in a state, in which accepted risks do not count.
-
-    A path within the slack gets the risk and the steps of the safest one.
-    """
-    safest = max((score[:3] for score in scores), default=(0, 0.0, 0))
-    rank, spared, _ = safest
-    return [
-        (*safest, score[3])
-        if score[0] == rank and within_slack(0.0 - score[1], 0.0 - spared, accepted)
-        else score
-        for score in scores
-    ]
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:

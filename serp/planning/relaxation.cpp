@@ -9,8 +9,6 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
-#include <tuple>
-#include <utility>
 
 #include "serp/_util/arrays.hpp"
 
@@ -33,22 +31,22 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
                        const std::vector<Operator>& operators, const std::vector<Way>& ways)
     : fluents_(fluents), facts_(2 * fluents + static_cast<int>(comparisons.size())) {
     if (fluents < 0) throw std::invalid_argument("the number of fluents is negative");
-    for (const Comparison& comparison : comparisons) {
-        constant_.push_back(comparison.constant);
-        strict_.push_back(comparison.strict);
-        for (const Term& term : comparison.terms) {
-            checked(term.fluent, fluents_, "fluent");
+    for (const auto& [terms, constant, strict] : comparisons) {
+        constant_.push_back(constant);
+        strict_.push_back(strict);
+        for (const Term& term : terms) {
+            checked(term.first, fluents_, "fluent");
             terms_.add(term);
         }
         terms_.end_row();
     }
     std::vector<std::vector<int>> users(facts_);
-    for (const Operator& its : operators) {
+    for (const auto& [facts, cost, adds] : operators) {
         const int number = static_cast<int>(cost_.size());
-        if (!(its.cost >= 0.0 && its.cost < INFINITE))
+        if (!(cost >= 0.0 && cost < INFINITE))
             throw std::invalid_argument("an operator has a cost that is not usable");
         int needs = 0;
-        for (const int fact : its.needs) {
+        for (const int fact : facts) {
             auto& its_users = users[checked(fact, facts_, "fact")];
             if (!its_users.empty() && its_users.back() == number) continue;
             its_users.push_back(number);
@@ -56,10 +54,11 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
         }
         if (needs == 0) free_.push_back(number);
         needs_.push_back(needs);
-        cost_.push_back(its.cost);
-        for (const Addition& addition : its.adds) {
-            checked(addition.fact, facts_, "fact");
-            if (addition.gain > 0.0 && addition.fact < 2 * fluents_)
+        cost_.push_back(cost);
+        for (const Addition& addition : adds) {
+            const auto [fact, gain] = addition;
+            checked(fact, facts_, "fact");
+            if (gain > 0.0 && fact < 2 * fluents_)
                 throw std::invalid_argument("a fact that is no comparison has a gain");
             adds_.add(addition);
         }
@@ -157,48 +156,23 @@ RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
 
 namespace {
 
-using Comparisons = std::vector<std::tuple<std::vector<std::pair<int, double>>, double, bool>>;
-using Operators =
-    std::vector<std::tuple<std::vector<int>, double, std::vector<std::pair<int, double>>>>;
-
-void make(Relaxation* self, int fluents, const Comparisons& comparisons,
-          const Operators& operators, const std::vector<Relaxation::Way>& ways) {
-    std::vector<Relaxation::Comparison> read;
-    for (const auto& [terms, constant, strict] : comparisons) {
-        auto& comparison = read.emplace_back(Relaxation::Comparison{constant, strict, {}});
-        for (const auto& [fluent, factor] : terms) comparison.terms.push_back({fluent, factor});
-    }
-    std::vector<Relaxation::Operator> made;
-    for (const auto& [needs, cost, adds] : operators) {
-        auto& its = made.emplace_back(Relaxation::Operator{needs, cost, {}});
-        for (const auto& [fact, gain] : adds) its.adds.push_back({fact, gain});
-    }
-    new (self) Relaxation(fluents, read, made, ways);
-}
-
 std::pair<double, int> estimate(const Relaxation& relaxation,
                                 const In<double, nb::ndim<1>>& state) {
-    if (state.size() != static_cast<std::size_t>(relaxation.fluents()))
-        throw std::invalid_argument("a state has " + std::to_string(relaxation.fluents()) +
-                                    " numbers");
-    const auto [cost, left] = RelaxedCosts(relaxation).estimate(state.data());
+    const double* numbers = state_of(state, relaxation.fluents());
+    const auto [cost, left] = RelaxedCosts(relaxation).estimate(numbers);
     return {cost, left};
 }
 
 }  // namespace
 
 void bind_relaxation(nb::module_& module) {
-    nb::class_<Relaxation>(module, "Relaxation", "Facts and operators of a relaxed domain.")
-        .def("__init__", &make, nb::arg("fluents"), nb::arg("comparisons"), nb::arg("operators"),
-             nb::arg("ways"),
-             "Facts 2 i and 2 i + 1 say that fluent i is 0, or is not; the others are comparisons: "
-             "fluents and factors, constant, and whether the sum has to be positive. An operator "
-             "has the facts that it needs, a cost, and the facts that it makes true; for each of "
-             "these what one application adds to the sum of a comparison, 0 where one is enough. "
-             "A way to the goal is the facts that it needs.")
-        .def("estimate", &estimate, nb::arg("state"),
-             "Return how far away the goal is from a state [F]: its additive cost, infinite if it "
-             "is unreachable, and the least number of facts of a way to it that do not hold.");
+    nb::class_<Relaxation>(module, "Relaxation",
+                           "Facts and operators of a relaxed domain, see relaxation.hpp.")
+        .def(nb::init<int, const std::vector<Relaxation::Comparison>&,
+                      const std::vector<Relaxation::Operator>&,
+                      const std::vector<Relaxation::Way>&>(),
+             nb::arg("fluents"), nb::arg("comparisons"), nb::arg("operators"), nb::arg("ways"))
+        .def("estimate", &estimate, nb::arg("state"));
 }
 
 }  // namespace serp

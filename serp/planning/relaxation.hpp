@@ -1,9 +1,11 @@
-// The relaxed domain; relaxation.py says what it is and makes it.
+// The relaxed domain; goal_search.py says what it is and makes it.
 #pragma once
 
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 namespace serp {
@@ -33,26 +35,15 @@ private:
 /// comparisons: that a sum of factors times fluents and a constant is at least 0, or positive.
 class Relaxation {
 public:
-    struct Term {
-        int fluent;
-        double factor;
-    };
-    struct Comparison {
-        double constant;
-        bool strict;
-        std::vector<Term> terms;
-    };
+    /// A fluent and its factor.
+    using Term = std::pair<int, double>;
+    /// Terms of a comparison, its constant, and whether the sum has to be positive.
+    using Comparison = std::tuple<std::vector<Term>, double, bool>;
     /// A fact that becomes true. For a comparison, what one application adds to its sum; 0 where
     /// one is enough.
-    struct Addition {
-        int fact;
-        double gain;
-    };
-    struct Operator {
-        std::vector<int> needs;
-        double cost;
-        std::vector<Addition> adds;
-    };
+    using Addition = std::pair<int, double>;
+    /// The facts that are needed, the cost, and the facts that become true.
+    using Operator = std::tuple<std::vector<int>, double, std::vector<Addition>>;
     using Way = std::vector<int>;
 
     /// `ways` are those to reach the goal: the facts that each needs.

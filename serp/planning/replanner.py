@@ -6,23 +6,18 @@ Paper, section 3.2, after Russell & Norvig's execution monitoring and replanning
 from __future__ import annotations
 
 import functools
-import itertools
-import math
-import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from serp._util.numbers import real
 from serp.errors import SettingsError
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE, Forecast
-from serp.planning.lookahead import Lookahead
-from serp.planning.preference import PathScore, counted, marked, path_score, rank_of, step_risk
+from serp.planning.forecast import SAFE, Bound, Forecast
+from serp.planning.lookahead import BestPath, Lookahead
+from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
 
 if TYPE_CHECKING:
@@ -30,8 +25,8 @@ if TYPE_CHECKING:
 
 State = tuple[float, ...]
 
-_EDGES: Final = 4096
-"""Edges that are followed between two readings of the clock."""
+MAX_EDGES: Final = 400_000
+"""Most edges of a graph, beyond the first layer: they are objects, and take some seconds."""
 
 
 class Edge(NamedTuple):
@@ -41,7 +36,6 @@ class Edge(NamedTuple):
         source, action, target: Positions of nodes and action.
         reward: Its reward.
         flags: Its flags, with RISKY where its risk is not accepted.
-        risk: Probability that it is unsafe; 0 if that is accepted.
     """
 
     source: int
@@ -49,75 +43,52 @@ class Edge(NamedTuple):
     target: int
     reward: float
     flags: int
-    risk: float
 
 
 class PlanningGraph:
     """The graph of a state `[F]`, the root.
 
     Equal states of one layer are one node. A state in which the task has ended is not expanded, and
-    is a different node from the same state in which the task goes on. At the deadline
-    (`time.perf_counter`) the last complete layer counts; the first one is always completed.
+    is a different node from the same state in which the task goes on. Beyond the first layer there
+    are at most `MAX_EDGES` edges.
 
     Attributes:
         forecast: The forecast for the root.
         states: The states of all nodes.
     """
 
-    def __init__(
-        self,
-        model: TransitionModel,
-        settings: PlannerSettings,
-        state: Vector,
-        deadline: float = math.inf,
-    ) -> None:
-        lookahead = Lookahead(model, settings)
+    def __init__(self, model: TransitionModel, settings: PlannerSettings, state: Vector) -> None:
+        most = max(1, min(settings.max_nodes, MAX_EDGES // max(1, len(model.actions))))
+        lookahead = Lookahead(model, settings.replace(max_nodes=most))
         self.model = model
         self.settings = settings
         self.forecast = lookahead.forecast(state)
         self.states: list[State] = [tuple(state.tolist())]
         self._ended = [False]
         self._layer_of = [0]
-        self._edges: list[list[Edge]] = [[]]
+        self._edges: list[dict[int, Edge]] = [{}]
         nodes = [0]
-        rows: list[int] = []  # the node of each row of the lookahead's arrays
+        expanded: list[int] = []
         for layer in range(1, self.forecast.depth + 1):
             first = len(self.states)
-            rows += nodes
-            if not self._expand(nodes, layer, deadline):
-                rows = rows[: -len(nodes)]
-                lookahead = Lookahead(model, settings.replace(depth=layer - 1))
-                self.forecast = lookahead.forecast(state)._replace(bound=Bound.TIME)
-                break
+            self._expand(nodes, layer)
+            expanded += nodes
             nodes = [node for node in range(first, len(self.states)) if not self._ended[node]]
-        self._scores = [path_score(0, 0.0, SAFE, 0.0)] * len(self.states)
-        for node, score in zip(rows, lookahead.scores(len(rows)), strict=True):
-            self._scores[node] = score
+        self._best = [BestPath(0.0, 0.0, SAFE, -1)] * len(self.states)
+        for node, best in zip(expanded, lookahead.paths(), strict=True):
+            self._best[node] = best
 
-    def _expand(self, nodes: list[int], layer: int, deadline: float) -> bool:
-        """Add the edges out of some nodes, a layer; return whether there was time for it.
-
-        If not, nothing is added.
-        """
-        first, known = len(self.states), dict[tuple[State, bool], int]()
+    def _expand(self, nodes: list[int], layer: int) -> None:
+        """Add the edges out of some nodes, which lead to a layer."""
+        known: dict[tuple[State, bool], int] = {}
         count, width = len(self.model.actions), len(self.model.fluents)
-        size = max(1, _EDGES // max(1, count))
-        for start in range(0, len(nodes), size):
-            if layer > 1 and time.perf_counter() >= deadline:
-                for column in (self.states, self._ended, self._layer_of, self._edges):
-                    del column[first:]
-                for node in nodes:
-                    self._edges[node] = []
-                return False
-            part = np.array(nodes[start : start + size])
-            sources, actions = np.repeat(part, count), np.tile(np.arange(count), len(part))
-            states = np.array([self.states[node] for node in sources.tolist()])
-            out, flags = self.model.core.step_batch(states.reshape(len(sources), width), actions)
-            for k in np.flatnonzero(flags & APPLICABLE).tolist():
-                *state, reward = out[k].tolist()
-                self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]),
-                          layer, known)  # fmt: skip
-        return True
+        states = np.array([self.states[node] for node in nodes]).reshape(len(nodes), width)
+        sources, actions = np.repeat(nodes, count), np.tile(np.arange(count), len(nodes))
+        out, flags = self.model.core.step_batch(np.repeat(states, count, axis=0), actions)
+        for k in np.flatnonzero(flags & APPLICABLE).tolist():
+            *state, reward = out[k].tolist()
+            self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]), layer,
+                      known)  # fmt: skip
 
     def _add(
         self, source: int, action: int, state: State, reward: float, flags: int, layer: int,
@@ -130,33 +101,22 @@ class PlanningGraph:
             self.states.append(state)
             self._ended.append(ended)
             self._layer_of.append(layer)
-            self._edges.append([])
-        self._edges[source].append(Edge(source, action, target, reward, marked(flags, risk), risk))
+            self._edges.append({})
+        marks = marked(flags, risk)
+        self._edges[source][action] = Edge(source, action, target, reward, marks)
 
-    @functools.cached_property
+    @property
     def best_path(self) -> list[Edge]:
         """The edges of the best path from the root."""
-        return self._best_path(self._edges[0])
+        return self.path_by(self.forecast.choice)
 
     def path_by(self, action: int) -> list[Edge]:
         """Return the edges of the best path that begins with an action; none if not applicable."""
-        return self._best_path([edge for edge in self._edges[0] if edge.action == action])
-
-    def _best_path(self, edges: list[Edge]) -> list[Edge]:
-        path = list[Edge]()
-        while edges:
-            scores = counted([self._through(edge) for edge in edges], self.settings.accepted_risk)
-            path.append(edges[max(range(len(edges)), key=scores.__getitem__)])
-            edges = self._edges[path[-1].target]
+        path, node = list[Edge](), 0
+        while (edge := self._edges[node].get(action)) is not None:
+            path.append(edge)
+            node, action = edge.target, self._best[edge.target].action
         return path
-
-    def _through(self, edge: Edge) -> PathScore:
-        """Return the score of the best path that begins with an edge."""
-        _, spared, safe, value = self._scores[edge.target]
-        steps = 0 if edge.risk > 0.0 else safe if safe == SAFE else safe + 1
-        risk = edge.risk - (1.0 - edge.risk) * spared
-        total = edge.reward + self.settings.discount * going_on(edge.flags) * value
-        return path_score(rank_of(edge.flags), risk, steps, total)
 
     def to_networkx(self) -> nx.MultiDiGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
@@ -169,13 +129,14 @@ class PlanningGraph:
 
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        nodes = zip(self._layer_of, self.states, self._ended, self._scores, strict=True)
-        for node, (layer, state, ended, (_, spared, steps, value)) in enumerate(nodes):
+        nodes = zip(self._layer_of, self.states, self._ended, self._best, strict=True)
+        for node, (layer, state, ended, best) in enumerate(nodes):
             graph.add_node(
-                node, layer=layer, state=state, ended=ended, value=value, path_risk=0.0 - spared,
-                safe_steps=None if steps == SAFE else steps,
+                node, layer=layer, state=state, ended=ended, value=best.value, path_risk=best.risk,
+                safe_steps=None if best.safe_steps == SAFE else best.safe_steps,
             )  # fmt: skip
-        for source, action, target, reward, flags, _ in itertools.chain(*self._edges):
+        every = (edge for edges in self._edges for edge in edges.values())
+        for source, action, target, reward, flags in every:
             graph.add_edge(
                 source, target, action, action=names[action], reward=reward,
                 unsafe=(flags & UNSAFE) != 0, risk=risk_of(flags), risky=(flags & RISKY) != 0,
@@ -265,13 +226,11 @@ class Plan:
 class MonitorReplanner:
     """The planner of the paper, with its planning graph.
 
-    A decision is a pure function of state and model, except under `time_budget`.
+    A decision is a pure function of state and model.
 
     Args:
         model: The transition model.
         settings: Depth, discount, budget of nodes and accepted risk; the others do not count.
-        time_budget: Seconds a decision may take; the deepest layer completed by then counts.
-            None for no bound.
         changes: Other values of settings, such as `depth=3`.
 
     Raises:
@@ -279,12 +238,7 @@ class MonitorReplanner:
     """
 
     def __init__(
-        self,
-        model: TransitionModel,
-        settings: PlannerSettings | None = None,
-        *,
-        time_budget: float | None = None,
-        **changes: Any,
+        self, model: TransitionModel, settings: PlannerSettings | None = None, **changes: Any
     ) -> None:
         if not isinstance(model, TransitionModel):
             raise SettingsError(
@@ -292,9 +246,6 @@ class MonitorReplanner:
             )
         self.model = model
         self.settings = (settings or PlannerSettings()).replace(**changes)
-        self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
-        if time_budget is not None and not (self.time_budget or 0.0) > 0:
-            raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`.
@@ -302,14 +253,12 @@ class MonitorReplanner:
         Raises:
             StateError: The state does not fit the model.
         """
-        start = time.perf_counter()
-        deadline = math.inf if self.time_budget is None else start + self.time_budget
-        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state), deadline)
+        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state))
         path = [
             PlannedStep(
                 self.model.actions[action].name, reward, bool(flags & UNSAFE), risk_of(flags),
                 graph.states[target],
             )
-            for _, action, target, reward, flags, _ in graph.best_path
+            for _, action, target, reward, flags in graph.best_path
         ]  # fmt: skip
         return Plan(tuple(path), graph.forecast, graph)

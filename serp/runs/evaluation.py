@@ -21,7 +21,8 @@ from serp.runs import Policy as Policy
 from serp.runs.recording import Recorder
 from serp.runs.rollout import Rollout, evaluation_seed
 from serp.runs.summary import WINDOW
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import Judge
 
 Decide = Callable[[Vector, Vector], Decision]
 """(state, input of the learner) → decision."""

@@ -31,8 +31,9 @@ from serp.runs.run import Run
 from serp.runs.run_config import Budget
 from serp.runs.run_log import Bookkeeping, RunLog
 from serp.settings import resolve
+from serp.tasks.environment import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask, Judge, Task
+from serp.tasks.task import Judge, Task
 
 Answer = tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]
 """What `step` of a Gymnasium environment returns."""
@@ -117,7 +118,7 @@ class _Unknown:
 
     def propose_greedily(self) -> Proposal:
         """Propose any action."""
-        return Proposal(0, False, None)
+        return Proposal(0, False)
 
 
 class ArbitratedEnv(TaskEnv):
@@ -177,7 +178,7 @@ class ArbitratedEnv(TaskEnv):
         decision = self._whose_turn(rollout)
         self._turn = None
         if decision.proposed_by is not Actor.PLANNER:
-            proposal = Proposal(action, False, None)
+            proposal = Proposal(action, False)
             decision = self._agent.arbiter.exchange(decision, rollout.state, proposal)
         self._last = decision, rollout.state
         return decision

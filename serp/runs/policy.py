@@ -29,8 +29,9 @@ from serp.runs.evaluation import play
 from serp.runs.folder import make_empty, refuse_occupied
 from serp.runs.run import Run, load_run
 from serp.runs.run_config import CONFIG
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import WorldOptions
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 
 NETWORK: Final = "learner.onnx"
 """The network for other programs; written where onnx is installed (extra `export`)."""

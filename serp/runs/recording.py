@@ -40,8 +40,7 @@ from serp.agent.decision import Actor, Decision, Reason
 from serp.agent.step_record import StepRecord
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.settings import first_of
 from serp.tasks.action_map import ActionForecast, ActionMap
 

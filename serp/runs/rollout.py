@@ -11,9 +11,11 @@ from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
-from serp.tasks.environment import single
+from serp.tasks.environment import BoundTask
 from serp.tasks.remote_task import RemoteTask
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.spaces import single
+from serp.tasks.task import Judge
+from serp.tasks.wrapper_state import has_statistics
 
 
 def training_seed(seed: int, episode: int) -> int:
@@ -135,13 +137,13 @@ class RolloutEnv:
         self.episode, self.seed, self.random = episode, seed, random
         self.rollout, self.decision, self.losses = None, None, []
         if isinstance(self.task, RemoteTask):
-            self.task.begin_reset(seed)
+            self.task.begin("reset", seed)
 
     def execute(self, decision: Decision) -> None:
         """Take a decision; an environment in another process begins to execute it."""
         self.decision = decision
         if isinstance(self.task, RemoteTask):
-            self.task.begin_step(decision.action)
+            self.task.begin("step", decision.action)
 
 
 @contextlib.contextmanager
@@ -157,7 +159,7 @@ def rollout_envs(task: BoundTask, count: int) -> Iterator[list[RolloutEnv]]:
     if count == 1:
         yield [RolloutEnv(0, task)]
         return
-    if task.has_statistics:
+    if has_statistics(task.env):
         raise SettingsError(
             f"training.num_envs is {count}, but a wrapper of the environment keeps running "
             "statistics (as NormalizeObservation does), which would differ from one environment "

@@ -44,9 +44,10 @@ from serp.runs.recording import EVALUATIONS, Layout, Recorder, Recording, open_r
 from serp.runs.run_config import CONFIG, Budget, RunConfig, read_metadata, write_metadata
 from serp.runs.tables import read_metrics
 from serp.settings import Settings
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import world_task
 from serp.tasks.registry import load_task
-from serp.tasks.task import BoundTask, Task, reward_source
+from serp.tasks.task import Task, reward_source
 
 
 def load_run(folder: str | Path, task: Task | None = None) -> Run:
@@ -364,7 +365,7 @@ class Run(Closing):
                     decision = agent.decide_greedily(state, x)
                     ground = int(decision.forecast.ground[decision.action])
                     before = state
-                    observation = yield agent.task.environment_action(decision.action)
+                    observation = yield agent.task.action_space.action(decision.action)
                     state, x = agent.perceive(observation)
                     if agent.task.model.judge(before, ground, state).terminal:
                         return

@@ -15,7 +15,7 @@ from serp.agent.step_record import DecisionCounts, EpisodeTotals, StepRecord
 from serp.runs.folder import DECISIONS, METRICS
 from serp.runs.recording import RECORDING, Layout, Recorder
 from serp.runs.tables import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow, Table, decision_row
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 
 
 class RunLog(Closing):

@@ -25,9 +25,8 @@ from serp.agent.sentences import lines_of_causes, lines_of_changes, who_decided,
 from serp.agent.veto import VetoPolicy
 from serp.model.learned.regression_data import predictions
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Bound, Forecast
 from serp.planning.lookahead import Lookahead
 from serp.runs.recording import REASONS, VETO_COLUMNS, Recording, StoredStep, vetoed
 from serp.runs.run import Run

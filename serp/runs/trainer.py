@@ -20,7 +20,8 @@ from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import Bookkeeping
 from serp.runs.tables import MetricsRow
 from serp.settings import Settings
-from serp.tasks.task import BoundTask, Judge
+from serp.tasks.environment import BoundTask
+from serp.tasks.task import Judge
 
 OnEpisode = Callable[[MetricsRow], None]
 """Called with the row of the metrics of every episode, after the episode."""
@@ -177,7 +178,7 @@ class Trainer(Bookkeeping, Closing):
         for number, (env, step) in enumerate(made, self.env_steps - len(made) + 1):
             self.under_way = number
             agent.turn_to(env.index)
-            agent.remember(step, None if step.last else env.decision)
+            agent.remember(step)
             if self._pretrained:
                 loss = agent.learn()
                 if loss is not None:

@@ -14,8 +14,7 @@ from serp._util.numbers import whole
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import StateError, TransitionModel
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.forecast import SAFE, Bound, Forecast, score_of
 from serp.planning.preference import free_of_risk
 
 

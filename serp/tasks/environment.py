@@ -1,280 +1,274 @@
-"""What an environment takes and gives: actions, observations, and the answers of its methods."""
+"""The environment of a task: made, checked, stepped, and its observations grounded."""
 
 from __future__ import annotations
 
-import copy
-import math
-import reprlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from numbers import Real
-from typing import Any
+import contextlib
+import inspect
+import json
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.errors import EnvironmentFailure
+from serp._util.files import Closing
+from serp._util.numbers import real
+from serp._util.plugins import raised
+from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.tasks import wrapper_state
+from serp.tasks.action_map import ActionMap
+from serp.tasks.grounding import Grounding
+from serp.tasks.spaces import ActionSpace, Observations, reset_answer, step_answer
+
+if TYPE_CHECKING:
+    from serp.tasks.task import Task
 
 
-class ActionSpace:
-    """The actions 0 ... size-1 of a discrete space.
+class BoundTask(Closing):
+    """A task with an environment, its loaded domain and its resolved actions.
 
-    Those of a `MultiDiscrete` or `MultiBinary` space are its combinations, of which the last number
-    counts fastest. All are counted from 0, wherever the space begins.
+    As a context manager it closes its environment at the end.
 
-    Raises:
-        ValueError: The space is of another kind, or has more than `MOST_COMBINATIONS` combinations.
+    Attributes:
+        task: The task with its files loaded.
+        grounding: Its function.
+        action_space, observations: What the environment takes and gives.
+        rewarded_by: The source of the reward that it declares.
+        on_notice: If set, called with each line that the user should read.
     """
 
-    def __init__(self, space: Any) -> None:
-        # Each is an output of the learner's network, and a column of every forecast.
-        most_combinations = 4096
-        self.space = space
-        self._shape: tuple[int, ...] | None = None
-        if isinstance(space, spaces.Discrete):
-            self.size = int(space.n)
-            return
-        if isinstance(space, spaces.MultiDiscrete):
-            self._shape = tuple(space.nvec.ravel().tolist())
-        elif isinstance(space, spaces.MultiBinary):
-            self._shape = (2,) * int(np.prod(space.shape))
-        else:
-            raise ValueError(
-                f"serp needs discrete actions, this environment has {space}; offer a few "
-                "controllers as actions: serp_envs.MacroActions"
-            )
-        self.size = int(np.prod(self._shape, dtype=object))
-        if self.size > most_combinations:
-            raise ValueError(
-                f"{space} has {self.size:,} combinations, more than {most_combinations:,}; "
-                "offer those that make sense as a Discrete space, through "
-                "gymnasium.wrappers.TransformAction"
-            )
-
-    def action(self, number: int) -> Any:
-        """Return what the environment's `step` takes for the action with a number."""
-        if self._shape is None:
-            return int(self.space.start) + number
-        places = np.array(np.unravel_index(number, self._shape), dtype=self.space.dtype)
-        return places.reshape(self.space.shape) + getattr(self.space, "start", 0)
-
-    def number(self, action: Any) -> Any:
-        """Return the number of an action that is given as a sequence of numbers from 0.
-
-        Raises:
-            ValueError: The space has no such combination.
-        """
-        if self._shape is None or not isinstance(action, Sequence | np.ndarray):
-            return action  # a number already
+    def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
+        self.task = task = task.loaded()
+        self.domain = task.load()
+        self.name = str(task.name or self.domain.name)
+        self._check_fields()
         try:
-            return int(np.ravel_multi_index(np.array(action).ravel().tolist(), self._shape))
-        except (TypeError, ValueError):
-            most = ", ".join(str(count - 1) for count in self._shape)
-            raise ValueError(f"expected a number, or a tuple from 0 to ({most})") from None
+            self.grounding = Grounding(task.ground)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+        self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
+        self.env = self._make_env(render_mode)
+        try:
+            self._check_environment()
+        except BaseException:
+            with contextlib.suppress(Exception):  # the first error is the one to report
+                self.env.close()
+            raise
+        self.on_notice: Callable[[str], None] | None = None
 
+    def _check_fields(self) -> None:
+        task, planners = self.task, self.task.planners
+        dt = real(task.dt)
+        functions = isinstance(planners, Mapping) and all(map(callable, planners.values()))
+        for right, name, allowed in (
+            (isinstance(task.name, str | None), "name", "a text"),
+            (callable(task.ground), "ground", "a function of an observation"),
+            (callable(task.make_env), "make_env", "a function that returns an environment"),
+            (functions, "planners", "a mapping {name: function}"),
+            (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
+            (dt is not None and dt > 0, "dt (the control period)", "a number > 0"),
+        ):
+            if not right:
+                value = getattr(task, name.split()[0])
+                raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
 
-class Observations:
-    """The observations of a space, as flat vectors of length `size`.
-
-    Raises:
-        ValueError: Observations of the space are not vectors.
-    """
-
-    def __init__(self, space: Any) -> None:
-        sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}
-        if odd := [path for path, size in sizes.items() if size is None]:
-            named = ", ".join(f"`{path}`" for path in odd if path) or f"observations of {space}"
-            raise ValueError(
-                f"{named} cannot be flattened to a vector of numbers{_without(odd, space)}"
+    def _check_environment(self) -> None:
+        task = self.task
+        try:
+            self.action_space = ActionSpace(getattr(self.env, "action_space", None))
+            self.observations = Observations(getattr(self.env, "observation_space", None))
+        except ValueError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+        self.observation_size = self.observations.size
+        sample = self._tried_grounding()
+        if isinstance(sample, Mapping):  # observed fluents are not constant, even if in :init
+            self.domain = self.domain.observed(map(str, sample))
+            self.model = self.domain.model.replace(dt=self.model.dt)
+        try:
+            self.actions = ActionMap(self.model, self.action_space.size, self._numbered_actions())
+        except TaskError as error:
+            raise TaskError(f"task {self.name}, {self.domain.source.name}: {error}") from None
+        self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
+        if self.rewarded_by == "domain" and not self.model.rewarding:
+            raise TaskError(
+                f"task {self.name}: the domain says nothing about reward; let an action or event "
+                "`(increase (reward) ...)`, or set reward='environment'"
             )
-        self.space: spaces.Space[Any] = space
-        self.size = sum(size or 0 for size in sizes.values())
+        try:
+            if isinstance(sample, Mapping):
+                self.model.check_names(sample)
+            elif sample is not None:
+                self.model.check_shape(sample)
+        except StateError as error:
+            raise TaskError(
+                f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
+            ) from None
 
-    def read(self, raw: Any) -> NDArray[np.float64]:
-        """Return an observation as a new float64 vector `[size]`.
+    def _numbered_actions(self) -> Any:
+        """Return the task's `actions` with numbers in place of combinations."""
+        named = self.task.actions
+        if not isinstance(named, Mapping):
+            return named
+        numbered = {}
+        for name, action in named.items():
+            try:
+                numbered[name] = self.action_space.number(action)
+            except ValueError as error:
+                raise TaskError(f"actions: `{name}` is mapped to {action!r}: {error}") from None
+        return numbered
+
+    def _tried_grounding(self) -> Any:
+        """Return what the grounding gives on a sampled observation; None if it fails on them all.
+
+        Of info and of states of the environment there are no samples: one that takes these is tried
+        on a reset.
+        """
+        if self.grounding.takes:
+            return self._grounded(*self.reset(seed=0), self.env)
+        return next(self.grounding.on_samples(self.observations.space, 8), None)
+
+    def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
+        if render_mode is not None and self.task.world is not None:
+            raise TaskError(
+                f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
+                "its steps"
+            )
+        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
+            raise TaskError(
+                f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
+                "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
+                "does"
+            )
+        try:
+            env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: making the environment failed: {raised(error)}"
+            ) from error
+        if not isinstance(env, gym.Env):
+            raise TaskError(
+                f"task {self.name}: make_env returned {type(env).__name__}, not a gymnasium.Env"
+            )
+        return env
+
+    # Steps -------------------------------------------------------------------------------------
+
+    def observation(self, raw: Any) -> NDArray[np.float64]:
+        """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
+        try:
+            return self.observations.read(raw)
+        except ValueError as error:
+            raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
+
+    def ground(
+        self,
+        raw: Any,
+        info: Mapping[str, Any] | None = None,
+        env: gym.Env[Any, Any] | None = None,
+    ) -> Vector:
+        """Return the state `[F]` of an observation.
+
+        Args:
+            raw: The observation.
+            info: What the environment returned beside it; needed if the grounding takes it.
+            env: The environment, which has just returned it; needed if the grounding takes it.
 
         Raises:
-            ValueError: It is not a member of the space, does not consist of real numbers, or is not
-                finite; the message names the part, what was given and what is expected.
+            TaskError: The grounding failed, or does not give the value of every fluent.
         """
-        parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
-        vector = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if not np.isfinite(vector).all():
-            first = int((~np.isfinite(vector)).argmax())
-            raise ValueError(f"{self.name(first)} is {vector[first]}")
-        return vector
+        grounded = self._grounded(raw, info, env)
+        try:
+            if isinstance(grounded, Mapping):
+                return self.model.state(grounded)
+            return np.array(self.model.check_state(grounded))
+        except (StateError, TypeError, ValueError) as error:
+            raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
 
-    def name(self, index: int) -> str:
-        """Return the name of the entry at a position of the vector."""
-        for path, leaf in _leaf_spaces(self.space, ""):
-            count = spaces.flatdim(leaf)
-            if index < count:
-                return _entry(leaf, index) + (f" of `{path}`" if path else "")
-            index -= count
-        raise IndexError(index)
+    def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
+        """Return the flat observation and the state of what the environment has just returned."""
+        return self.observation(raw), self.ground(raw, info, self.env)
+
+    def _grounded(
+        self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
+    ) -> Any:
+        missing = self.grounding.missing(info, env)
+        if missing:
+            raise TaskError(
+                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
+                "it, too"
+            )
+        try:
+            return self.grounding(raw, info, env)
+        except Exception as error:
+            raise TaskError(
+                f"task {self.name}: the grounding failed on {raw}: {raised(error)}"
+            ) from error
+
+    def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; return observation and info, or raise an EnvironmentFailure."""
+        with self._calling("reset"):
+            return reset_answer(self.env.reset(seed=seed))
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Execute an environment action 0 ... E-1.
+
+        Returns:
+            Observation, the environment's reward, terminated, truncated, info.
+
+        Raises:
+            EnvironmentFailure: The environment raised, or did not return these.
+        """
+        with self._calling(f"step with action {self.actions.name(action)}"):
+            return step_answer(self.env.step(self.action_space.action(action)))
+
+    @contextlib.contextmanager
+    def _calling(self, what: str) -> Iterator[None]:
+        """Raise EnvironmentFailure for whatever a call of the environment raises."""
+        try:
+            yield
+        except EnvironmentFailure as error:
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
+        except (Exception, SystemExit) as error:  # some exit when their window is closed
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {raised(error)}") from error
+
+    def close(self) -> None:
+        """Close the environment."""
+        with self._calling("closing the environment"):
+            self.env.close()
+
+    # State across episodes ---------------------------------------------------------------------
+
+    def environment_state(self) -> dict[str, Any]:
+        """Return what the layers of the environment keep across episodes, as JSON values."""
+        try:
+            saved = wrapper_state.save(self.env)
+            json.dumps(saved)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: the environment's state_dict() failed, or does not consist of "
+                f"JSON values: {raised(error)}"
+            ) from error
+        return saved
+
+    def restore_environment(
+        self, saved: Mapping[str, Any], *, statistics_only: bool = False
+    ) -> None:
+        """Restore what `environment_state` returned, or only the running statistics in it."""
+        try:
+            wrapper_state.restore(self.env, saved, statistics_only=statistics_only)
+        except Exception as error:
+            raise RunError(
+                f"task {self.name}: the environment cannot restore its saved state: "
+                f"{raised(error)}; continue with the environment it was saved with"
+            ) from error
 
 
-def _flat_size(leaf: Any) -> int | None:
-    """Return how many numbers a part has when it is flattened; None where it cannot be."""
+def _takes(function: Callable[..., Any], name: str) -> bool:
+    """Return whether a function accepts a keyword argument, by its signature."""
     try:
-        flat = spaces.flatten_space(leaf)
-    except NotImplementedError:
-        return None
-    return int(flat.shape[0]) if isinstance(flat, spaces.Box) else None
-
-
-def _without(paths: Collection[str], space: Any) -> str:
-    """Say how parts are left out, where they can be."""
-    if not isinstance(space, spaces.Dict):
-        return ""
-    kept = [key for key in space.spaces if not any(p.split(".")[0] == str(key) for p in paths)]
-    return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
-
-
-def _entry(leaf: spaces.Space[Any], index: int) -> str:
-    if isinstance(leaf, spaces.Box) and len(leaf.shape) != 1:
-        place = ", ".join(map(str, np.unravel_index(index, leaf.shape))) if leaf.shape else ""
-        return f"entry [{place}]" if place else "the number"
-    return f"entry {index}"
-
-
-def _below(space: Any, path: str) -> list[tuple[Any, str, Any]] | None:
-    """Return key, path and space of each part of a composite space, in Gymnasium's order."""
-    if isinstance(space, spaces.Dict):
-        parts: Any = space.spaces.items()
-    elif isinstance(space, spaces.Tuple):
-        parts = enumerate(space.spaces)
-    else:
-        return None
-    return [(key, f"{path}.{key}" if path else str(key), part) for key, part in parts]
-
-
-def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
-    below = _below(space, path)
-    if below is None:
-        yield path, space
-        return
-    for _, place, part in below:
-        yield from _leaf_spaces(part, place)
-
-
-def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
-    """Yield path, space and value of every part that is not composite."""
-    below = _below(space, path)
-    if below is None:
-        yield path, space, raw
-        return
-    kind = Mapping if isinstance(space, spaces.Dict) else Sequence
-    if not isinstance(raw, kind) or isinstance(raw, str) or len(raw) != len(below):
-        raise ValueError(f"{_named(path, raw)}; {space} is wanted")
-    for key, place, part in below:
-        if isinstance(raw, Mapping) and key not in raw:
-            raise ValueError(f"{_named(path, raw)}, without `{key}`; {space} is wanted")
-        yield from _leaves(part, raw[key], place)
-
-
-def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]:
-    if not isinstance(leaf, spaces.Box):
-        if not leaf.contains(value):
-            raise ValueError(f"{_named(path, value)}; a member of {leaf} is wanted")
-        return np.asarray(spaces.flatten(leaf, value), dtype=np.float64).reshape(-1)
-    try:
-        array = np.asarray(value)
-    except Exception as error:  # ragged lists, a tensor with a gradient, or anything else
-        raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
-    if array.dtype.kind not in "biuf":
-        raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")
-    size = math.prod(leaf.shape)
-    if array.size != size:
-        raise ValueError(
-            f"{_named(path, value)}: {array.size} numbers of shape {array.shape}; "
-            f"{size} are wanted, for {leaf}"
-        )
-    return np.array(array, dtype=np.float64).reshape(-1)  # environments reuse their buffers
-
-
-def _named(path: str, value: Any) -> str:
-    return (f"`{path}` is " if path else "") + _shown(value)
-
-
-def _shown(value: Any) -> str:
-    return f"{reprlib.repr(value)} ({type(value).__name__})"
-
-
-# Answers of `reset` and `step`: an EnvironmentFailure says what was returned and what is expected.
-
-
-def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-    """Return observation, reward, terminated, truncated and info, copied.
-
-    The reward must be finite; reward, terminated and truncated may be arrays of one element.
-    """
-    wanted = "the five values (observation, reward, terminated, truncated, info)"
-    raw, reward, terminated, truncated, info = _parts(answer, 5, wanted)
-    return (
-        _copied(raw),
-        _number(reward, "the reward"),
-        _truth(terminated, "terminated"),
-        _truth(truncated, "truncated"),
-        _info(info),
-    )
-
-
-def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
-    """Return observation and info, copied."""
-    raw, info = _parts(answer, 2, "the two values (observation, info)")
-    return _copied(raw), _info(info)
-
-
-def _parts(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
-    if isinstance(answer, tuple | list) and len(answer) == count:
-        return tuple(answer)
-    returned = _shown(answer)
-    if isinstance(answer, tuple | list):
-        returned = f"{len(answer)} values"
-    raise EnvironmentFailure(f"it returned {returned}, not {wanted}")
-
-
-def _copied(raw: Any) -> Any:
-    """Return a copy of an observation, because environments reuse their buffers."""
-    return copy.deepcopy(raw) if isinstance(raw, np.ndarray | Mapping | tuple | list) else raw
-
-
-def _number(value: Any, what: str) -> float:
-    element = single(value)
-    if not isinstance(element, Real):
-        advice = ""
-        if getattr(element, "shape", ()):
-            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
-        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
-    try:
-        number = float(element)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise EnvironmentFailure(f"{what} is {number}, not a finite number")
-    return number
-
-
-def _truth(value: Any, what: str) -> bool:
-    element = single(value)
-    if isinstance(element, Real) and element in (0, 1):
-        return bool(element)
-    raise EnvironmentFailure(f"{what} is {_shown(value)}, not True or False")
-
-
-def _info(value: Any) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
-        raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
-    return dict(value)
-
-
-def single(value: Any) -> Any:
-    """Return the only element of an array, a tensor or a NumPy scalar; else the value itself."""
-    if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
-        return value
-    try:
-        array = np.asarray(value)
-    except Exception:  # a tensor with a gradient refuses, and others may raise anything
-        return value
-    return array.item() if array.size == 1 else value
+        accepts = inspect.signature(function).parameters
+    except ValueError:  # some callables written in C have no signature
+        return True
+    return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())

@@ -129,17 +129,12 @@ class Happened(NamedTuple):
     Attributes:
         action: Position of the ground action that was carried out; -1 for none.
         flags: The flags of the step.
-        trace: Returns `passages`.
+        passages: Returns the effects, rates and events that took part, in order.
     """
 
     action: int
     flags: int
-    trace: Callable[[], list[Passage]]
-
-    @property
-    def passages(self) -> list[Passage]:
-        """The effects, rates and events that took part, in order."""
-        return self.trace()
+    passages: Callable[[], list[Passage]]
 
 
 class FileWorld(gym.Env[Vector, int]):

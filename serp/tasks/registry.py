@@ -6,7 +6,6 @@ import dataclasses
 import importlib
 import inspect
 import sys
-import traceback
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
@@ -50,7 +49,7 @@ def custom_task(name: str) -> Task:
     except SerpError:
         raise
     except Exception as error:
-        raise _failed(f"{option}: making the task failed", error) from error
+        raise TaskError(f"{option}: making the task failed: {plugins.raised(error)}") from error
     if not _is_task(made):
         raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task")
     return made
@@ -81,12 +80,12 @@ def _import_module(name: str, folder: Path, option: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{name}.".startswith(f"{error.name}."):
-            raise _failed(f"{option}: importing it failed", error) from error
+            raise TaskError(f"{option}: importing it failed: {plugins.raised(error)}") from error
         raise TaskError(
             f"{option}: there is no module `{error.name}`, neither installed nor in {place}"
         ) from None
     except Exception as error:
-        raise _failed(f"{option}: importing it failed", error) from error
+        raise TaskError(f"{option}: importing it failed: {plugins.raised(error)}") from error
 
 
 def attribute_of(module: ModuleType, attribute: str, option: str) -> Any:
@@ -136,19 +135,6 @@ def _makes_task(value: Any, module: ModuleType) -> bool:
         return False
     returns = value.__annotations__.get("return")
     return returns in (_task_class(), "Task", "serp.Task")
-
-
-def _failed(what: str, error: Exception) -> TaskError:
-    """Return an error that names the line that raised another one."""
-    if isinstance(error, SyntaxError) and error.filename:
-        return TaskError(f"{what}: {error.filename}:{error.lineno}:{error.offset}: {error.msg}")
-    outside = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename != __file__ and "importlib" not in frame.filename
-    ]
-    place = f"{outside[-1].filename}:{outside[-1].lineno}: " if outside else ""
-    return TaskError(f"{what}: {place}{type(error).__name__}: {error}")
 
 
 def task_entries() -> dict[str, EntryPoint]:

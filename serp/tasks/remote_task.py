@@ -16,7 +16,7 @@ from serp._util.files import Closing
 from serp._util.processes import follow_parent, safe_path, unsafe_path
 from serp.errors import EnvironmentFailure, SerpError
 from serp.model.transition_model import Vector
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 
 
 class RemoteTask(Closing):
@@ -50,13 +50,9 @@ class RemoteTask(Closing):
 
     # Steps -------------------------------------------------------------------------------------
 
-    def begin_reset(self, seed: int) -> None:
-        """Begin `reset` without waiting for it."""
-        self._send("reset", seed)
-
-    def begin_step(self, action: int) -> None:
-        """Begin `step` without waiting for it."""
-        self._send("step", action)
+    def begin(self, what: str, argument: int) -> None:
+        """Begin `reset` or `step` without waiting for it."""
+        self._send(what, argument)
 
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
@@ -65,16 +61,16 @@ class RemoteTask(Closing):
             EnvironmentFailure: The environment raised, or its process died.
             TaskError: The grounding failed.
         """
+        answer: tuple[Any, dict[str, Any]]
         answer, self._perceived = self._do("reset", seed, doing="reset")
-        raw, info = answer
-        return raw, info
+        return answer
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an action, or wait for a step that was begun; see `reset`."""
+        answer: tuple[Any, float, bool, bool, dict[str, Any]]
         name = self._task.actions.name(action)
         answer, self._perceived = self._do("step", action, doing=f"step with action {name}")
-        raw, reward, terminated, truncated, info = answer
-        return raw, reward, terminated, truncated, info
+        return answer
 
     def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
         """Return flat observation and state of the newest answer; see `BoundTask.perceived`."""

@@ -1,30 +1,21 @@
-"""The declaration of a task: environment, domain, grounding and the map of actions."""
+"""The declaration of a task: environment, domain, grounding, actions, and who gives the rewards."""
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import inspect
-import json
 import os
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import gymnasium as gym
-import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.files import Closing
-from serp._util.numbers import real
-from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
+from serp.errors import SettingsError, TaskError
 from serp.model.domain import Domain, load_domain
-from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.tasks import wrapper_state
-from serp.tasks.environment import ActionSpace, Observations, reset_answer, step_answer
-from serp.tasks.grounding import Grounding
+from serp.model.transition_model import StateError, Vector
+from serp.tasks.environment import BoundTask
 
 if TYPE_CHECKING:
     from serp.planning.plan_follower import Advise
@@ -167,13 +158,6 @@ class Task:
     counters: Sequence[str] = ()
     description: str = ""
 
-    def __post_init__(self) -> None:
-        planners = self.planners
-        if not isinstance(planners, Mapping) or not all(map(callable, planners.values())):
-            raise TaskError(
-                f"task: planners must be a mapping {{name: function}}, not {planners!r}"
-            )
-
     @property
     def closed(self) -> bool:
         """Whether the environment keeps to states that can be reached from the problem's `:init`.
@@ -215,271 +199,3 @@ class Task:
             TaskError: Environment, domain, grounding and actions do not fit together.
         """
         return BoundTask(self, render_mode=render_mode)
-
-
-def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "environment"]:
-    """Return the source of the reward that a task or its domain declares."""
-    return task.reward or ("domain" if model.rewarding else "environment")
-
-
-class BoundTask(Closing):
-    """A task with an environment, its loaded domain and its resolved actions.
-
-    As a context manager it closes its environment at the end.
-
-    Attributes:
-        task: The task with its files loaded.
-        grounding: Its function.
-        rewarded_by: The source of the reward that it declares.
-        on_notice: If set, called with each line that the user should read.
-    """
-
-    def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
-        self.task = task = task.loaded()
-        self.domain = task.load()
-        self.name = str(task.name or self.domain.name)
-        self._check_fields()
-        try:
-            self.grounding = Grounding(task.ground)
-        except TaskError as error:
-            raise TaskError(f"task {self.name}: {error}") from None
-        self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
-        self.env = self._make_env(render_mode)
-        try:
-            self._check_environment()
-        except BaseException:
-            with contextlib.suppress(Exception):  # the first error is the one to report
-                self.env.close()
-            raise
-        self.on_notice: Callable[[str], None] | None = None
-
-    def _check_fields(self) -> None:
-        task = self.task
-        dt = real(task.dt)
-        for right, name, allowed in (
-            (isinstance(task.name, str | None), "name", "a text"),
-            (callable(task.ground), "ground", "a function of an observation"),
-            (callable(task.make_env), "make_env", "a function that returns an environment"),
-            (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
-            (dt is not None and dt > 0, "dt (the control period)", "a number > 0"),
-        ):
-            if not right:
-                value = getattr(task, name.split()[0])
-                raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
-
-    def _check_environment(self) -> None:
-        task = self.task
-        try:
-            self._action_space = ActionSpace(getattr(self.env, "action_space", None))
-            self.observations = Observations(getattr(self.env, "observation_space", None))
-        except ValueError as error:
-            raise TaskError(f"task {self.name}: {error}") from None
-        self.observation_size = self.observations.size
-        sample = self._tried_grounding()
-        if isinstance(sample, Mapping):  # observed fluents are not constant, even if in :init
-            self.domain = self.domain.observed(map(str, sample))
-            self.model = self.domain.model.replace(dt=self.model.dt)
-        from serp.tasks.action_map import ActionMap
-
-        try:
-            self.actions = ActionMap(self.model, self._action_space.size, self._numbered_actions())
-        except TaskError as error:
-            raise TaskError(f"task {self.name}, {self.domain.source.name}: {error}") from None
-        self.rewarded_by = declared_reward(task, self.model)
-        if self.rewarded_by == "domain" and not self.model.rewarding:
-            raise TaskError(
-                f"task {self.name}: the domain says nothing about reward; let an action or event "
-                "`(increase (reward) ...)`, or set reward='environment'"
-            )
-        try:
-            if isinstance(sample, Mapping):
-                self.model.check_names(sample)
-            elif sample is not None:
-                self.model.check_shape(sample)
-        except StateError as error:
-            raise TaskError(
-                f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
-            ) from None
-
-    def _numbered_actions(self) -> Any:
-        """Return the task's `actions` with numbers in place of combinations."""
-        named = self.task.actions
-        if not isinstance(named, Mapping):
-            return named
-        numbered = {}
-        for name, action in named.items():
-            try:
-                numbered[name] = self._action_space.number(action)
-            except ValueError as error:
-                raise TaskError(f"actions: `{name}` is mapped to {action!r}: {error}") from None
-        return numbered
-
-    def _tried_grounding(self) -> Any:
-        """Return what the grounding gives on a sampled observation; None if it fails on them all.
-
-        Of info and of states of the environment there are no samples: one that takes these is tried
-        on a reset.
-        """
-        if self.grounding.takes:
-            return self._grounded(*self.reset(seed=0), self.env)
-        return next(self.grounding.on_samples(self.observations.space, 8), None)
-
-    def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
-        if render_mode is not None and self.task.world is not None:
-            raise TaskError(
-                f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
-                "its steps"
-            )
-        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
-            raise TaskError(
-                f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
-                "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
-                "does"
-            )
-        try:
-            env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: making the environment failed: {_short(error)}"
-            ) from error
-        if not isinstance(env, gym.Env):
-            raise TaskError(
-                f"task {self.name}: make_env returned {type(env).__name__}, not a gymnasium.Env"
-            )
-        return env
-
-    # Steps -------------------------------------------------------------------------------------
-
-    def observation(self, raw: Any) -> NDArray[np.float64]:
-        """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
-        try:
-            return self.observations.read(raw)
-        except ValueError as error:
-            raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
-
-    def ground(
-        self,
-        raw: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
-    ) -> Vector:
-        """Return the state `[F]` of an observation.
-
-        Args:
-            raw: The observation.
-            info: What the environment returned beside it; needed if the grounding takes it.
-            env: The environment, which has just returned it; needed if the grounding takes it.
-
-        Raises:
-            TaskError: The grounding failed, or does not give the value of every fluent.
-        """
-        grounded = self._grounded(raw, info, env)
-        try:
-            if isinstance(grounded, Mapping):
-                return self.model.state(grounded)
-            return np.array(self.model.check_state(grounded))
-        except (StateError, TypeError, ValueError) as error:
-            raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
-
-    def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
-        """Return the flat observation and the state of what the environment has just returned."""
-        return self.observation(raw), self.ground(raw, info, self.env)
-
-    def _grounded(
-        self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
-    ) -> Any:
-        missing = self.grounding.missing(info, env)
-        if missing:
-            raise TaskError(
-                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
-                "it, too"
-            )
-        try:
-            return self.grounding(raw, info, env)
-        except Exception as error:
-            raise TaskError(
-                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
-            ) from error
-
-    def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; return observation and info, or raise an EnvironmentFailure."""
-        with self._calling("reset"):
-            return reset_answer(self.env.reset(seed=seed))
-
-    def environment_action(self, action: int) -> Any:
-        """Return what the environment's `step` takes for an environment action 0 ... E-1."""
-        return self._action_space.action(action)
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an environment action 0 ... E-1.
-
-        Returns:
-            Observation, the environment's reward, terminated, truncated, info.
-
-        Raises:
-            EnvironmentFailure: The environment raised, or did not return these.
-        """
-        with self._calling(f"step with action {self.actions.name(action)}"):
-            return step_answer(self.env.step(self.environment_action(action)))
-
-    @contextlib.contextmanager
-    def _calling(self, what: str) -> Iterator[None]:
-        """Raise EnvironmentFailure for whatever a call of the environment raises."""
-        try:
-            yield
-        except EnvironmentFailure as error:
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
-        except (Exception, SystemExit) as error:  # some exit when their window is closed
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
-
-    def close(self) -> None:
-        """Close the environment."""
-        with self._calling("closing the environment"):
-            self.env.close()
-
-    # State across episodes ---------------------------------------------------------------------
-
-    @property
-    def has_statistics(self) -> bool:
-        """Whether a layer of the environment keeps running statistics."""
-        return wrapper_state.has_statistics(self.env)
-
-    def environment_state(self) -> dict[str, Any]:
-        """Return what the layers of the environment keep across episodes, as JSON values."""
-        try:
-            saved = wrapper_state.save(self.env)
-            json.dumps(saved)
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: the environment's state_dict() failed, or does not consist of "
-                f"JSON values: {_short(error)}"
-            ) from error
-        return saved
-
-    def restore_environment(
-        self, saved: Mapping[str, Any], *, statistics_only: bool = False
-    ) -> None:
-        """Restore what `environment_state` returned, or only the running statistics in it."""
-        try:
-            wrapper_state.restore(self.env, saved, statistics_only=statistics_only)
-        except Exception as error:
-            raise RunError(
-                f"task {self.name}: the environment cannot restore its saved state: "
-                f"{_short(error)}; continue with the environment it was saved with"
-            ) from error
-
-
-def _takes(function: Callable[..., Any], name: str) -> bool:
-    """Return whether a function accepts a keyword argument, by its signature."""
-    try:
-        accepts = inspect.signature(function).parameters
-    except ValueError:  # some callables written in C have no signature
-        return True
-    return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
-
-
-def _short(error: BaseException) -> str:
-    """Return the message of an error in user code, and the line that raised it."""
-    message = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
-    return f"{message} ({frames[-1].filename}:{frames[-1].lineno})" if frames else message

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from serp.planning.replanner import MonitorReplanner, Plan
     from serp.runs.run import Run
     from serp.settings import Changes, Settings
-    from serp.tasks.task import BoundTask, Task
+    from serp.tasks.environment import BoundTask
+    from serp.tasks.task import Task
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

@@ -20,7 +20,7 @@ from serp._util.terminal import visible
 from serp._util.text import plural, readable
 from serp.agent.causes import Cause
 from serp.agent.chosen_planner import ChosenPlanner
-from serp.agent.sentences import line_of_cause, signed
+from serp.agent.sentences import line_of_run, signed
 from serp.authoring.play import FluentChange, Game, GameStep
 from serp.authoring.scenarios.checking import Decider, add_situation, scenarios_beside
 from serp.errors import SerpError
@@ -28,7 +28,7 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.settings import Settings
 from serp.tasks.task import Task
-from serp.ui.decision import print_plan
+from serp.ui.account import print_plan
 from serp.ui.options import parse_state
 from serp.ui.output import print_table, show
 from serp.ui.root import say
@@ -236,7 +236,7 @@ class Player:
         print_table(("", "", "", ""), [("  ", *row) for row in rows])
         for cause in step.brought:
             style = "red" if cause.what == "unsafe" else ""
-            show(f"   {line_of_cause(cause)}", style=style)
+            show(f"   {line_of_run([[cause]])}", style=style)
         if moment.over:
             show("The episode is over. r: restart, u: undo", style="bold")
 

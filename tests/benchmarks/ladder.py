@@ -96,7 +96,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "cells": [(f"{PLANNER}._find_cells", lambda self, state, visited: None)],
     "unknown": [(f"{FAR}.cell_graph:CellGraph.explores", always(False))],
     "budget": [(f"{PLANNER}._saved", always(200_000)), (f"{PLANNER}._wait", always(0))],
-    "inert": [(f"{FAR}.{module}:inert_fluents", lambda ground: NOTHING)
+    "inert": [(f"{FAR}.{module}:inert_fluents", lambda model: NOTHING)
               for module in ("closed_graph", "goal_search", "cell_graph")],
     "slack": ["planner.accepted_risk=0"],
     # What is learned of the model
@@ -123,9 +123,8 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "ensemble": ["learner.members=1"],
     "layer-norm": ["learner.layer_norm=false"],
     "n-step": ["learner.n_step=1"],
-    # Without a target network there are no guarded targets and no clipped gradient, either.
+    # Without a target network there is no clipped gradient, either.
     "target-network": ["learner.target_polyak=none"],
-    "guarded-targets": [("learning.dqn:DQN._guarded", always(False))],
     "gradient-clip": [("learning.q_learning:_LARGEST_NORM", np.inf)],
     "epsilon": ["learner.epsilon_steps=0", "learner.epsilon_end=0"],
 }

@@ -95,7 +95,7 @@ def _retraced(model: TransitionModel, start: Vector, way: Vector) -> list[int] |
     """Return the actions that lead along the states of a way, and from the last to the goal."""
     everything = np.arange(len(model.actions))
     matters = np.ones(len(model.fluents), dtype=np.bool_)
-    matters[inert_fluents(model.ground)] = False  # the way leaves these out
+    matters[inert_fluents(model)] = False  # the way leaves these out
     plan: list[int] = []
     state = start
     for target in (*way[1:], None):

@@ -25,8 +25,8 @@ from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import Change, Kind
+from serp.planning.goal_search import succeeds
 from serp.planning.inert import inert_fluents
-from serp.planning.relaxation import succeeds
 
 _ADVICE: Final = "the planners `far-sight` and `lookahead` of serp plan with it"
 _OPPOSITE: Final = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
@@ -61,7 +61,7 @@ class _Translation:
     def __init__(self, model: TransitionModel) -> None:
         self.model, self.ground = model, model.ground
         self.theta = model.theta.tolist()
-        self.left_out = set(inert_fluents(model.ground).tolist())
+        self.left_out = set(inert_fluents(model).tolist())
         schemas = self.ground.schemas if self.ground.goal is None else ()
         self.successes = {id(s): s for s in schemas if succeeds(s, self.theta)}
         self.others = [event for event in self.ground.events if id(event) not in self.successes]

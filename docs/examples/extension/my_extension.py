@@ -88,24 +88,20 @@ class Table:
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
-        return serp.Proposal(int(self._random.choice(actions)), True, None)
+        return serp.Proposal(int(self._random.choice(actions)), True)
 
     def propose_greedily(self, x: Any) -> serp.Proposal:
         """Propose the best action."""
-        q = self._values(x)
-        return serp.Proposal(int(q.argmax()), False, q.astype(np.float32))
+        return serp.Proposal(int(self._values(x).argmax()), False)
 
     def remember(
         self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,
-        next_allowed: Any = None, imitated: int = -1,
+        imitated: int = -1,
     ) -> None:  # fmt: skip
         """Learn from a step at once; a state that ended the episode is worth 0."""
-        following = self._values(next_x)
-        if next_allowed is not None and next_allowed.any():
-            following = following[next_allowed]
         target = reward
         if not terminated:
-            target += self._discount * following.max()
+            target += self._discount * self._values(next_x).max()
         self._error = float(target - self._values(x)[action])
         self._values(x)[action] += 0.2 * self._error
         self.updates += 1

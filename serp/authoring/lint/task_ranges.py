@@ -11,8 +11,8 @@ from serp._util.text import readable
 from serp.authoring.lint.contradiction import limits_in
 from serp.errors import SerpError
 from serp.pddl.source import DomainWarning
+from serp.tasks.environment import BoundTask
 from serp.tasks.grounding import FAR
-from serp.tasks.task import BoundTask
 
 
 def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:

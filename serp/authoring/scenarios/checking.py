@@ -129,7 +129,7 @@ class Decider:
         number = self.arbiter.actions.environment_action[action]
         if decision.admissible[number]:
             return None
-        return self.arbiter.vetoes.why_refused(decision.forecast, number)
+        return self.arbiter.vetoes.reason_against(decision.forecast, number)
 
 
 def recorded_values(of: s.StepOfRun) -> dict[str, float]:

@@ -33,8 +33,9 @@ from serp.runs.comparison.trial import (
 from serp.runs.folder import default_path, lock_folder, make_empty
 from serp.runs.train import stop_between_episodes
 from serp.settings import resolve
+from serp.tasks.environment import BoundTask
 from serp.tasks.registry import find_domain_file, find_task
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 
 _PLAN: Final = "plan.json"
 

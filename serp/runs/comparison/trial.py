@@ -45,8 +45,9 @@ from serp.runs.tables import MetricsRow, read_metrics
 from serp.runs.train import restore, train
 from serp.runs.trainer import Callbacks, Trainer
 from serp.settings import Settings
-from serp.tasks.environment import single
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.environment import BoundTask
+from serp.tasks.spaces import single
+from serp.tasks.task import Task
 
 Columns = dict[str, NDArray[Any]]
 """Name of a column → its values, one entry per row."""
@@ -231,7 +232,7 @@ class ExternalEnv(Bookkeeping, TaskEnv):
         """Execute the action, whatever it is."""
         if self.env_steps == self.budget:
             raise _Spent
-        return self._agent.guarded.execute(rollout.state, Proposal(action, False, None))
+        return self._agent.guarded.execute(rollout.state, Proposal(action, False))
 
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Count, write and report the step; the info is the task's."""
@@ -280,7 +281,7 @@ class _ExternalLearner(NamedTuple):
                 raise ValueError(
                     f"act returned {action!r}; a whole number 0 ... {self.actions - 1} is wanted"
                 )
-            return Proposal(int(action), False, None)
+            return Proposal(int(action), False)
 
 
 def _train_external(

@@ -92,7 +92,7 @@ def plan(
     """
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
-    from serp.ui.decision import describe, print_plan
+    from serp.ui.account import describe, print_plan
 
     loaded = None if run is None else _opened(run)
     if loaded is None:

@@ -76,7 +76,7 @@ def why(
 def _print_step(run: Run, account: StepAccount, because: str) -> None:
     """Print an account in sentences and tables."""
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
-    from serp.ui.decision import print_explanation
+    from serp.ui.account import print_explanation
 
     because = f" ({because})" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")

@@ -13,7 +13,7 @@ from PIL import Image
 
 from serp._util.numbers import real
 from serp.errors import EnvironmentFailure
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
 Picture = NDArray[np.uint8]

@@ -23,7 +23,7 @@ from serp.model.flags import RISKY, UNSAFE
 from serp.runs.evaluation import Policy, outcome_of, play
 from serp.runs.recording import Recorder
 from serp.runs.run import Run
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 from serp.ui.pictures.camera import Camera, Picture
 
 HOLD: Final = 1.5

@@ -19,7 +19,7 @@ from serp.agent.sentences import who_decided, why_refused
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.planning.forecast import SAFE
 from serp.runs.recording import ACTORS, REASONS
 from serp.runs.step_account import error_units, in_units, predicted_states

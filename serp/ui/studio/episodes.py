@@ -10,8 +10,9 @@ import itertools
 from serp.errors import EnvironmentFailure, MissingExtra, TaskError, needs_extra
 from serp.model.domain import Domain
 from serp.pddl.source import DomainError, Source
+from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import file_task
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 from serp.ui.options import rolled_out
 from serp.ui.studio.view import Ranges, Surroundings, Version
 

@@ -22,7 +22,7 @@ from serp.pddl.source import DomainError, Source
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from serp.tasks.task import Task
-from serp.ui.decision import best_of
+from serp.ui.account import best_of
 from serp.ui.pictures.plan_picture import plan_svg
 
 Ranges = Mapping[str, tuple[float, float]]
@@ -49,7 +49,7 @@ class Surroundings:
     def planner_of(self, domain: Domain) -> MonitorReplanner:
         """Return the lookahead of a domain, interpreted: a keystroke waits for no compiler."""
         model = TransitionModel(domain.model.ground, dt=self.dt)
-        return MonitorReplanner(model, self.planner, time_budget=2.0)
+        return MonitorReplanner(model, self.planner)
 
 
 @functools.lru_cache(1)

@@ -40,7 +40,7 @@ class Wild:
         allowed = np.arange(self.actions)
         if explorable is not None and explorable.any():
             allowed = np.flatnonzero(explorable)
-        return Proposal(int(self.random.choice(allowed)), True, None)
+        return Proposal(int(self.random.choice(allowed)), True)
 
     def propose_greedily(self, x):
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
@@ -48,7 +48,7 @@ class Wild:
             self.random.random(self.actions) < 0.2, wild, self.random.normal(size=self.actions)
         )
         q = values.astype(np.float32)
-        return Proposal(best_of(q), False, q)
+        return Proposal(best_of(q), False)
 
 
 @dataclass(frozen=True)

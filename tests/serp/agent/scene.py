@@ -5,8 +5,7 @@ import numpy as np
 from serp.agent.strategy import Situation
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.tasks.action_map import ActionForecast
 
 
@@ -43,7 +42,7 @@ class Known:
         return self.propose_greedily()
 
     def propose_greedily(self):
-        return Proposal(int(self.q.argmax()), False, self.q)
+        return Proposal(int(self.q.argmax()), False)
 
 
 def learner_acts(strategy):

@@ -58,7 +58,7 @@ def cases():
 def test_the_record_tells_what_happened(cases):
     for arbiter, view, _, decision in cases:
         settings = arbiter.settings
-        assert decision.rho == arbiter.rho == settings.rho
+        assert decision.rho == arbiter.strategy.rho == settings.rho
         assert decision.admissible.tolist() == view.admissible(settings)
         if view.applicable[decision.action]:
             assert decision.predicted_reward == view.reward[decision.action]
@@ -142,7 +142,7 @@ def test_plan_and_judge_proposal_do_not_draw():
     arbiter = two(rho=0.5)
     before = arbiter.state_dict()
     assert arbiter.plan(STATE).reason is Reason.PLANNER_TURN
-    assert arbiter.judge_proposal(STATE, Proposal(1, False, None)).reason is Reason.ACCEPTED
+    assert arbiter.judge_proposal(STATE, Proposal(1, False)).reason is Reason.ACCEPTED
     assert arbiter.state_dict() == before
 
 

@@ -11,8 +11,7 @@ from serp.agent.explanation import explain
 from serp.agent.sentences import lines_of
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE, Forecast, score_of
+from serp.planning.forecast import SAFE, Bound, Forecast, score_of
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings

@@ -37,7 +37,7 @@ def counted(decisions):
         "no_safe_action": sum(d["reason"] in none_safe for d in decisions),
         "saw_all": sum(d["bound"] == "exhausted" for d in decisions),
         "by_cells": sum(d["bound"] in ("cells", "unknown") for d in decisions),
-        "cut_short": sum(d["bound"] in ("nodes", "time") for d in decisions),
+        "cut_short": sum(d["bound"] == "nodes" for d in decisions),
         "safety_alone": sum(d["bound"] == "safety" for d in decisions),
         "layers_seen": sum(int(d["depth"]) for d in decisions if d["bound"] != "exhausted"),
         "indifferent": sum(d["indifferent"] == "1" for d in decisions),

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 
 from serp.agent.agent import exploration_bonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.tasks.action_map import ActionForecast
 from tests.generated.profile import examples
 

@@ -35,7 +35,7 @@ def every_decision(arbiter, state, seed):
             arbiter.decide(state, proposer),
             arbiter.decide_greedily(state, proposer),
             arbiter.plan(state),
-            *(arbiter.judge_proposal(state, Proposal(k, True, None)) for k in range(size)),
+            *(arbiter.judge_proposal(state, Proposal(k, True)) for k in range(size)),
         ]
 
 

@@ -27,12 +27,12 @@ def live(agent, rng, steps):
         x, next_x = rng.standard_normal((2, F)).astype(np.float32)
         proposal = agent.propose(x, rng.random(A) < 0.5)
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
-        said.append(agent.q_values(x).tolist())
+        said.append(agent.learning.online.q(x).tolist())
         action = int(rng.integers(A))
         imitated = int(rng.integers(-1, A)) if agent.imitates else -1
         end = rng.random(2) < 0.1
-        reward, allowed = float(rng.standard_normal()), rng.random(A) < 0.7
-        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, imitated)
+        reward = float(rng.standard_normal())
+        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), imitated)
         said.append(agent.learn())
     return said
 

@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.learning.dqn import ReturnBounds
 from tests.serp.learning.learners import TARGETS, A, F, assert_same_state, learner, live, set_q
 
 GREEDY = {"epsilon_steps": 0, "epsilon_end": 0.0}
@@ -29,7 +28,6 @@ def test_greedy_is_the_lowest_of_the_best_explorable_or_not():
     assert agent.state_dict()[1] == before  # nothing was drawn
     proposal = agent.propose(HERE, np.array([True, False, False]))
     assert (proposal.action, proposal.exploratory) == (1, False)
-    assert proposal.q is not None and proposal.q.tolist() == [1.0, 2.0, 2.0]
 
 
 def test_exploration_is_uniform_over_what_may_be_explored():
@@ -40,7 +38,7 @@ def test_exploration_is_uniform_over_what_may_be_explored():
         (None, {0, 1, 2}),
     ):
         proposals = [agent.propose(HERE, explorable) for _ in range(600)]
-        assert all(p.exploratory and p.q is None for p in proposals)
+        assert all(p.exploratory for p in proposals)
         counts = np.bincount([p.action for p in proposals], minlength=A)
         assert set(np.flatnonzero(counts)) == allowed
         assert counts[list(allowed)] == pytest.approx(600 / len(allowed), rel=0.25)
@@ -70,26 +68,26 @@ def test_q_is_the_same_of_one_of_many_and_exported(options):
     agent = learner(**options)
     live(agent, np.random.default_rng(0), 40)
     x = np.random.default_rng(1).standard_normal((6, F)).astype(np.float32)
-    q = agent.q_values(x)
+    q = agent.learning.online.q(x)
     assert q.shape == (6, A) and q.dtype == np.float32 and q.std(axis=0).min() > 0.0
     exported = onnxruntime.InferenceSession(agent.as_onnx())
     for how in (
-        np.stack([agent.q_values(row) for row in x]),
+        np.stack([agent.learning.online.q(row) for row in x]),
         np.stack([exported.run(None, {"x": row})[0] for row in x]),
     ):
         np.testing.assert_allclose(q, how, rtol=1e-4, atol=1e-5)
     # Whatever the type and the layout; and the caller's own.
     kept = q.copy()
-    np.testing.assert_array_equal(agent.q_values(x.astype(np.float64)), q)
-    np.testing.assert_array_equal(agent.q_values(np.asfortranarray(x)), q)
-    agent.q_values(-x)
+    np.testing.assert_array_equal(agent.learning.online.q(x.astype(np.float64)), q)
+    np.testing.assert_array_equal(agent.learning.online.q(np.asfortranarray(x)), q)
+    agent.learning.online.q(-x)
     np.testing.assert_array_equal(q, kept)
 
 
 @pytest.mark.parametrize("shape", [(), (F + 1,), (2, F - 1), (1, 1, F)])
 def test_an_input_of_another_shape_is_refused(shape):
     agent = learner(**GREEDY)
-    for method in (agent.q_values, agent.propose_greedily, agent.propose):
+    for method in (agent.learning.online.q, agent.propose_greedily, agent.propose):
         with pytest.raises(ValueError, match="must have shape"):
             method(np.zeros(shape, np.float32))
     with pytest.raises(ValueError, match="must have shape"):
@@ -158,7 +156,6 @@ def test_resume_equals_uninterrupted(variant, before, after, seed):
         ({"target_polyak": None}, "target network"),
         ({"buffer_size": 32}, "buffer_size"),
         ({"n_step": 2}, "n_step"),
-        ({"imitates": True}, "without a planner to imitate"),
     ],
 )
 def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, message):
@@ -176,7 +173,6 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, messag
         (lambda a, m: a.pop("target"), "target is missing"),
         (lambda a, m: a.update({"replay.reward": a["replay.reward"][:-1]}), "reward has shape"),
         (lambda a, m: a["replay.action"].fill(A), "action has entries"),
-        (lambda a, m: a["replay.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.imitated"].fill(A), "imitated has entries"),
         (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
@@ -194,20 +190,3 @@ def test_a_broken_state_is_refused_and_changes_nothing(spoil, message):
     with pytest.raises(RunError, match=message):
         agent.load_state_dict(arrays, meta)
     assert_same_state(agent, same)
-
-
-# --- bounds of returns ---------------------------------------------------------------------------
-
-REWARDS = st.floats(-10, 10)
-
-
-@given(discount=st.floats(0, 0.99), going_on=st.lists(REWARDS, max_size=40), last=REWARDS)
-def test_no_return_of_the_rewards_seen_lies_outside(discount, going_on, last):
-    bounds = ReturnBounds(discount)
-    for reward in going_on:
-        bounds.observe(reward, terminated=False)
-    bounds.observe(last, terminated=True)
-    for start in range(len(going_on) + 1):
-        rewards = [*going_on[start:], last]
-        value = sum(discount**k * reward for k, reward in enumerate(rewards))
-        assert bounds.lower - 1e-9 <= value <= bounds.upper + 1e-9

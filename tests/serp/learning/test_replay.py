@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.learning.replay import ReplayBuffer, Samples, SampleSpec
+from serp.learning.replay import ReplayBuffer
 from serp.settings import LearnerSettings
 
 F, A = 2, 3
@@ -25,14 +25,13 @@ class Step:
     reward: float = 0.0
     terminated: bool = False
     truncated: bool = False
-    allowed: tuple[bool, ...] | None = None
 
     @property
     def imitated(self):
         return self.number % 4 - 1
 
 
-def feed(buffer, steps):
+def feed(buffer, steps, env_index=0):
     for step in steps:
         buffer.add(
             np.array([step.number, 0], np.float32),
@@ -41,8 +40,8 @@ def feed(buffer, steps):
             np.array([step.number, 1], np.float32),
             step.terminated,
             step.truncated,
-            None if step.allowed is None else np.array(step.allowed),
             step.imitated,
+            env_index,
         )
 
 
@@ -52,23 +51,16 @@ def streams(draw):
         st.integers(0, A - 1),
         st.floats(-2, 2, width=16),
         st.sampled_from(["goes on"] * 6 + ["terminated", "truncated", "both"]),
-        st.none() | st.tuples(*[st.booleans()] * A),
     )
     return [
-        Step(i, a, r, end in ("terminated", "both"), end in ("truncated", "both"), mask)
-        for i, (a, r, end, mask) in enumerate(draw(st.lists(kinds, max_size=60)))
+        Step(i, a, r, end in ("terminated", "both"), end in ("truncated", "both"))
+        for i, (a, r, end) in enumerate(draw(st.lists(kinds, max_size=60)))
     ]
 
 
-def buffer(
-    spec=SampleSpec(F, A, imitates=True),  # noqa: B008
-    **changes,
-):
-    usual = {
-        "buffer_size": 50, "batch_size": 8, "n_step": 1,
-    }  # fmt: skip
-    settings = LearnerSettings(**{**usual, **changes})
-    return ReplayBuffer(spec, settings, np.random.default_rng(0), DISCOUNT)
+def buffer(**changes):
+    settings = LearnerSettings(**{"buffer_size": 50, "n_step": 1, **changes})
+    return ReplayBuffer(F, A, settings, np.random.default_rng(0), DISCOUNT)
 
 
 def episodes(steps):
@@ -91,7 +83,6 @@ def expected_samples(steps, n):
                 break
             last = window[-1]
             reward = sum(DISCOUNT**k * s.reward for k, s in enumerate(window))
-            forbidden = [not allowed for allowed in (last.allowed or (True,) * A)]
             samples.append(
                 (
                     [step.number, 0],
@@ -99,7 +90,6 @@ def expected_samples(steps, n):
                     pytest.approx(reward, abs=1e-5),
                     [last.number, 1],
                     pytest.approx(0.0 if last.terminated else DISCOUNT ** len(window), abs=1e-6),
-                    forbidden if not all(forbidden) else [False] * A,
                     step.imitated,
                 )
             )
@@ -137,53 +127,45 @@ def test_the_steps_of_two_environments_do_not_mix(first, second, n):
     ]
     ring = buffer(n_step=n, buffer_size=200)
     for pair in zip_longest(*lanes):
-        for ring.env_index, step in enumerate(pair):
-            feed(ring, [] if step is None else [step])
+        for env_index, step in enumerate(pair):
+            feed(ring, [] if step is None else [step], env_index)
     found = stored(ring, 200)
     assert [s for s in found if s[0][0] < 1000] == expected_samples(lanes[0], n)
     assert [s for s in found if s[0][0] >= 1000] == expected_samples(lanes[1], n)
 
 
-def flat(batch):
-    """Return the samples of all members of a batch."""
-    return rows_of({k: a.reshape(-1, *a.shape[2:]) for k, a in batch.arrays().items()})
-
-
-def test_draws_are_uniform_whole_samples_and_differ_between_members():
-    memory = buffer(batch_size=32, members=3, buffer_size=10, n_step=2)
-    feed(memory, [Step(i, i % A, i / 2, i % 6 == 5) for i in range(17)])
-    by_number = {sample[0][0]: sample for sample in stored(memory, 10)}
-    counts = dict.fromkeys(by_number, 0)
-    first = memory.sample()
-    for _ in range(200):
-        batch = memory.sample()
-        assert batch is first  # nothing is allocated
-        assert batch.observation.shape == (3, 32, F)
-        assert not np.array_equal(batch.observation[0], batch.observation[1])
-        for sample in flat(batch):
-            counts[sample[0][0]] += 1
-            assert sample == by_number[sample[0][0]]
-    expected = 200 * 96 / len(counts)
-    assert all(abs(count - expected) < 5 * expected**0.5 for count in counts.values())
+def test_draws_are_uniform():
+    memory = buffer(buffer_size=10, n_step=2)
+    feed(memory, [Step(i) for i in range(5)])
+    counts = np.bincount(memory.draw(8000))
+    assert len(counts) == memory.size == 4
+    assert np.abs(counts - 2000).max() < 5 * 2000**0.5
 
 
 @pytest.mark.parametrize(
-    ("size", "uniform"), [(0, [0.5]), (5, [0.5]), (4, [1.0]), (4, [-0.1]), (4, [0.5, 0.5])]
+    ("field", "values", "message"),
+    [
+        (None, [4] * 8, "no such sample"),
+        (None, [-1] * 8, "no such sample"),
+        (None, [0] * 7, "other shapes"),
+        ("action", A, "out of range"),
+        ("action", -1, "out of range"),
+        ("imitated", A, "out of range"),
+    ],
 )
-def test_compiled_code_reads_nothing_outside_of_the_arrays(size, uniform):
-    store, batch = (Samples.zeros(lead, SampleSpec(F, A)) for lead in ((4,), (1, 1)))
-    with pytest.raises(ValueError):
-        batch.compiled.draw(store.compiled, size, np.array(uniform))
-
-
-def test_compiled_code_learns_from_no_action_out_of_range():
-    batch = Samples.zeros((1, 8), SampleSpec(F, A))
+def test_compiled_code_reads_nothing_outside_of_the_arrays(field, values, message):
+    store = buffer(buffer_size=4)
+    drawn = np.array(values if field is None else [3] * 8)
+    if field is not None:
+        store.samples[field][3] = values
     learning = _core.QLearning((F, A), False, 1, 8, 0.1, np.inf, None)
-    for wrong in (A, -1):
-        batch.action[0, 3] = wrong
-        with pytest.raises(ValueError, match="out of range"):
-            learning.update(batch.compiled, -1.0, 1.0, 0.0)
-    other = Samples.zeros((1, 7), SampleSpec(F, A))
-    with pytest.raises(ValueError, match="other shapes"):
-        learning.update(other.compiled, -1.0, 1.0, 0.0)
+    learning.online.parameters[0, 0] = learning.online.parameters[0, -1] = 1.0
+    with pytest.raises(ValueError, match=message):
+        learning.update(store.compiled, drawn, 1.0)
     assert learning.steps == 0
+
+
+def test_compiled_code_takes_no_fields_of_different_lengths():
+    fields = buffer().samples
+    with pytest.raises(ValueError, match="other shapes"):
+        _core.ReplaySamples(**fields | {"reward": fields["reward"][1:].copy()})

@@ -7,8 +7,8 @@ import networkx as nx
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel
-from serp.planning.edges import Bound, edge_budget, node_budget
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
+from serp.planning.lookahead import MAX_EDGES, edge_budget
 from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
@@ -81,7 +81,7 @@ class Reference:
 
     def layers(self, root):
         """How many layers are expanded, and what ends that."""
-        budget = node_budget(self.settings.max_nodes, len(self.model.actions))
+        budget = min(self.settings.max_nodes, MAX_EDGES // max(1, len(self.model.actions)))
         most_edges = edge_budget(len(self.model.fluents))
         frontier, expanded, edges = {root}, 0, 0
         for depth in range(self.settings.depth):

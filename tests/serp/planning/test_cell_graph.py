@@ -14,8 +14,7 @@ from serp.model.learned.adaptation import ModelAdaptation
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN
 from serp.planning.cell_graph import CellGraph
-from serp.planning.cells import restored_values, saved_values
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.settings import AdaptationSettings, PlannerSettings
 from tests.serp.planning.worlds import load
 from tests.worlds import text
@@ -34,7 +33,7 @@ def along(low, high):
 
 
 def contents(values):
-    return {name: column.tolist() for name, column in saved_values(values).items()}
+    return {name: column.tolist() for name, column in values.columns().items()}
 
 
 def planner_after(states, saved=50_000, model=None):
@@ -128,6 +127,13 @@ def test_states_and_former_values_of_other_fluents_are_refused():
             values.set(state, 1.0)
 
 
+def restored(columns):
+    """Return the values of cells that a graph of one fluent reads."""
+    graph = CellGraph(track(), SETTINGS)
+    graph.load_state_dict(columns, {"bins": 0.0, "explores": False})
+    return graph.values
+
+
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
 @settings(max_examples=50, deadline=None)
 def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the_unknown(
@@ -142,8 +148,7 @@ def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the
         assert (states**2).min() - 1e-9 <= found <= (states**2).max() + 1e-9
     else:
         assert found == -7.0
-    again = restored_values(saved_values(values), 1)
-    assert contents(again) == contents(values)
+    assert contents(restored(values.columns())) == contents(values)
 
 
 @given(
@@ -155,15 +160,14 @@ def test_a_value_lies_between_those_of_cells_and_beyond_the_range_is_that_of_the
 def test_values_of_cells_that_were_forged_are_refused_or_do_no_harm(name, place, number):
     states, one = np.linspace(0.0, 3.0, 20), np.ones(1)
     values = CellValues(0 * one, 8 * one, 2 * one, states, np.append(states, -1.0))
-    saved = saved_values(values)
+    saved = values.columns()
     with pytest.raises(RunError):
-        restored_values(saved | {name: saved[name][:-1]}, 1)
+        restored(saved | {name: saved[name][:-1]})
     with pytest.raises(RunError):
-        restored_values(saved | {name: np.zeros(0)}, 1)
+        restored(saved | {name: np.zeros(0)})
     saved[name][place % len(saved[name])] = number
     with contextlib.suppress(RunError):
-        again = restored_values(saved, 1)
-        again.at(np.array([1.0]))
+        restored(saved).at(np.array([1.0]))
 
 
 # Without a word on dynamics in the file, what it promises far away is found ---------------------

@@ -13,10 +13,9 @@ from serp.agent.registry import far_sight
 from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground_model import comparisons_of
-from serp.planning.edges import Bound
-from serp.planning.goal_search import GoalSearch
+from serp.planning.forecast import Bound
+from serp.planning.goal_search import GoalSearch, relaxed
 from serp.planning.inert import inert_fluents
-from serp.planning.relaxation import relaxed
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 from tests.worlds import text
@@ -53,7 +52,7 @@ def successors(model, state):
 
 def check_way(model, way):
     """Every state follows from the one before, and the goal from the last; costs may differ."""
-    relevant = np.setdiff1d(np.arange(way.shape[1]), inert_fluents(model.ground))
+    relevant = np.setdiff1d(np.arange(way.shape[1]), inert_fluents(model))
     for state, following in itertools.pairwise(way):
         targets = np.array(successors(model, state)[0])[:, relevant]
         assert (targets == following[relevant]).all(axis=1).any()
@@ -150,7 +149,7 @@ def test_nothing_depends_on_an_inert_fluent(seed):
     random = Random(f"inert {seed}")
     model = generate(random, PLANNABLE if seed % 2 else FULL).model
     states = random_states(random, model, 4, exact=True)
-    inert = inert_fluents(model.ground)
+    inert = inert_fluents(model)
     relevant = np.setdiff1d(np.arange(states.shape[1]), inert)
     for state in states:
         other = state.copy()
@@ -191,14 +190,14 @@ def test_the_graph_grows_around_a_way_where_it_cannot_hold_everything(monkeypatc
 
 def test_states_that_differ_in_what_was_spent_are_one(monkeypatch):
     spent = boat(12.0, "(:metric minimize (spent))")
-    assert [spent.fluents[k].name for k in inert_fluents(spent.ground)] == ["spent"]
+    assert [spent.fluents[k].name for k in inert_fluents(spent)] == ["spent"]
     worth = float(spent.theta[-1])
     # 4 × north-west lacks 0 of y - x = 12, and x + y is 0 all the time: the cheapest way.
     assert replanned(spent, monkeypatch, 20_000) == pytest.approx(worth - 4.0)
     random = Random(0)
     for metric in ("(:metric minimize (* (spent) (x)))", "(:metric maximize (/ 1 (spent)))"):
         model = boat(random.choice((4.0, 8.0)), metric)
-        assert len(inert_fluents(model.ground)) == 0
+        assert len(inert_fluents(model)) == 0
 
 
 PUSH = Path(__file__).parent / "files" / "push.pddl"

@@ -12,9 +12,8 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.model.flags import RISKY, UNSAFE
-from serp.planning.edges import Bound
-from serp.planning.forecast import SAFE
+from serp.model.flags import RISKY, TERMINAL, UNSAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk, rank_of
 from serp.planning.replanner import MonitorReplanner
@@ -82,7 +81,7 @@ def assert_as_by_recursion(reference, state, planned):
         outcome, flags = model.step(state, action), int(forecast.flags[action])
         assert forecast.reward[action] == outcome.reward
         assert forecast.unsafe[action] == outcome.unsafe
-        assert forecast.terminal[action] == outcome.terminal
+        assert bool(flags & TERMINAL) == outcome.terminal
         assert arc.rank == (2 if flags & UNSAFE else 1 if flags & RISKY else 0)
 
 
@@ -100,7 +99,7 @@ def test_the_plan_is_that_of_plain_recursion():
         states = states_of(model, Random(states_seed), 2)
         reference = Reference(model, settings)
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("serp.planning.edges.MAX_NUMBERS", memory * (len(model.fluents) + 1))
+            patch.setattr("serp.planning.lookahead.MAX_NUMBERS", memory * (len(model.fluents) + 1))
             for state, planned in zip(states, plans_of(model, settings, states), strict=True):
                 assert_as_by_recursion(reference, state, planned)
                 expected = reference.graph(as_state(state), planned.depth)

@@ -72,7 +72,7 @@ class Solved(NamedTuple):
 
     def look_up(self, node):
         """The forecast for the node whose state is its number."""
-        fields = self.graph.forecast(np.array([float(node)]))
+        fields = self.graph.look_up(np.array([float(node)]))
         return forecast_of(fields)
 
 
@@ -123,8 +123,7 @@ def test_a_policy_risks_no_more_than_the_slack_of_every_decision(seed, accepted,
     strict, graph = solved(of, discount, 0.0), solved(of, discount, accepted)
     assert graph.risk.tolist() == strict.risk.tolist()
     assert (graph.value >= strict.value - CLOSE).all()
-    edges = [edge for node in of for edge in node]
-    choice = [edges[best] if best >= 0 else None for best in graph.best.tolist()]
+    choice = [arcs[graph.look_up(node).choice] if arcs else None for node, arcs in enumerate(of)]
     ranks = [min((rank_of(e.flags) for e in node), default=0) for node in of]
     assert all(e is None or rank_of(e.flags) == r for e, r in zip(choice, ranks, strict=True))
     met = np.array(risks_of_policy(of, choice, discount))
@@ -140,7 +139,7 @@ def test_a_policy_risks_no_more_than_the_slack_of_every_decision(seed, accepted,
 def test_what_is_certain_is_never_accepted(seed, accepted, discount):
     of = process(Random(seed), chance=False)
     strict, graph = solved(of, discount, 0.0), solved(of, discount, accepted)
-    for name in ("value", "risk", "steps", "best", "inside"):
+    for name in ("value", "risk", "steps", "inside"):
         assert getattr(graph, name).tobytes() == getattr(strict, name).tobytes(), name
     for node in range(len(of)):
         assert _looked_up(strict, node) == _looked_up(graph, node)

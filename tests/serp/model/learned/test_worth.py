@@ -7,8 +7,8 @@ import pytest
 
 from serp.model.flags import TERMINAL, UNSAFE, going_on
 from serp.model.learned.feature_groups import FILE, LINEAR
-from serp.planning.edges import Bound
 from serp.planning.far_sight import FarSightPlanner
+from serp.planning.forecast import Bound
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.serp.model.learned.worlds import GRID, adaptation, adapted
@@ -111,7 +111,7 @@ def test_a_lookahead_goes_on_where_an_end_is_doubtful():
     after, _ = of.model.core.step(out[:-1], GO)
     expected = out[-1] + 0.5 * going_on(flags) * after[-1]
     assert forecast.value[GO] == pytest.approx(expected, rel=1e-12)
-    assert not forecast.terminal[GO]
+    assert not forecast.flags[GO] & TERMINAL
 
 
 def test_counted_outcomes_share_the_chance_of_an_end():

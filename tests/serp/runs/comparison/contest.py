@@ -23,7 +23,7 @@ class Walk(Corridor):
     """A corridor in which nothing outlives an episode; it says how the episode ended."""
 
     def reset(self, **options):
-        self.clock, self.slips = 0, 0
+        self.clock, self.slips, self.wind = 0, 0, 0.0
         self.weather = np.random.default_rng(5)
         return super().reset(**options)
 

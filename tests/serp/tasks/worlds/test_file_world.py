@@ -64,7 +64,7 @@ def test_a_slip_is_another_action_that_can_be_done_and_noise_scales_changes():
         *_, info = world.step(1)
         seen[world.happened.action] += 1
         assert info["applied"] == (world.happened.action == 1)
-        first = world.happened.passages[0].site.schema
+        first = world.happened.passages()[0].site.schema
         assert first.name == world.model.actions[world.happened.action].name
     assert sorted(seen) == [0, 1, 2] and 160 < seen[1] < 240 and 75 < seen[0] < 125
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.tasks.task import BoundTask
+from serp.tasks.environment import BoundTask
 from tests.serp.runs.runs import rows
 from tests.serp.sample_tasks import ROBOT
 from tests.serp.ui.cli.conftest import QUICK

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from serp.planning.edges import Bound
+from serp.planning.forecast import Bound
 from serp.runs.recording import open_recording
 from tests.serp.ui.cli.conftest import QUICK, train
 

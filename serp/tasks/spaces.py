@@ -1,0 +1,280 @@
+"""What an environment takes and gives: actions, observations, and the answers of its methods."""
+
+from __future__ import annotations
+
+import copy
+import math
+import reprlib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from serp.errors import EnvironmentFailure
+
+
+class ActionSpace:
+    """The actions 0 ... size-1 of a discrete space.
+
+    Those of a `MultiDiscrete` or `MultiBinary` space are its combinations, of which the last number
+    counts fastest. All are counted from 0, wherever the space begins.
+
+    Raises:
+        ValueError: The space is of another kind, or has more than `MOST_COMBINATIONS` combinations.
+    """
+
+    def __init__(self, space: Any) -> None:
+        # Each is an output of the learner's network, and a column of every forecast.
+        most_combinations = 4096
+        self.space = space
+        self._shape: tuple[int, ...] | None = None
+        if isinstance(space, spaces.Discrete):
+            self.size = int(space.n)
+            return
+        if isinstance(space, spaces.MultiDiscrete):
+            self._shape = tuple(space.nvec.ravel().tolist())
+        elif isinstance(space, spaces.MultiBinary):
+            self._shape = (2,) * int(np.prod(space.shape))
+        else:
+            raise ValueError(
+                f"serp needs discrete actions, this environment has {space}; offer a few "
+                "controllers as actions: serp_envs.MacroActions"
+            )
+        self.size = int(np.prod(self._shape, dtype=object))
+        if self.size > most_combinations:
+            raise ValueError(
+                f"{space} has {self.size:,} combinations, more than {most_combinations:,}; "
+                "offer those that make sense as a Discrete space, through "
+                "gymnasium.wrappers.TransformAction"
+            )
+
+    def action(self, number: int) -> Any:
+        """Return what the environment's `step` takes for the action with a number."""
+        if self._shape is None:
+            return int(self.space.start) + number
+        places = np.array(np.unravel_index(number, self._shape), dtype=self.space.dtype)
+        return places.reshape(self.space.shape) + getattr(self.space, "start", 0)
+
+    def number(self, action: Any) -> Any:
+        """Return the number of an action that is given as a sequence of numbers from 0.
+
+        Raises:
+            ValueError: The space has no such combination.
+        """
+        if self._shape is None or not isinstance(action, Sequence | np.ndarray):
+            return action  # a number already
+        try:
+            return int(np.ravel_multi_index(np.array(action).ravel().tolist(), self._shape))
+        except (TypeError, ValueError):
+            most = ", ".join(str(count - 1) for count in self._shape)
+            raise ValueError(f"expected a number, or a tuple from 0 to ({most})") from None
+
+
+class Observations:
+    """The observations of a space, as flat vectors of length `size`.
+
+    Raises:
+        ValueError: Observations of the space are not vectors.
+    """
+
+    def __init__(self, space: Any) -> None:
+        sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}
+        if odd := [path for path, size in sizes.items() if size is None]:
+            named = ", ".join(f"`{path}`" for path in odd if path) or f"observations of {space}"
+            raise ValueError(
+                f"{named} cannot be flattened to a vector of numbers{_without(odd, space)}"
+            )
+        self.space: spaces.Space[Any] = space
+        self.size = sum(size or 0 for size in sizes.values())
+
+    def read(self, raw: Any) -> NDArray[np.float64]:
+        """Return an observation as a new float64 vector `[size]`.
+
+        Raises:
+            ValueError: It is not a member of the space, does not consist of real numbers, or is not
+                finite; the message names the part, what was given and what is expected.
+        """
+        parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
+        vector = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if not np.isfinite(vector).all():
+            first = int((~np.isfinite(vector)).argmax())
+            raise ValueError(f"{self.name(first)} is {vector[first]}")
+        return vector
+
+    def name(self, index: int) -> str:
+        """Return the name of the entry at a position of the vector."""
+        for path, leaf in _leaf_spaces(self.space, ""):
+            count = spaces.flatdim(leaf)
+            if index < count:
+                return _entry(leaf, index) + (f" of `{path}`" if path else "")
+            index -= count
+        raise IndexError(index)
+
+
+def _flat_size(leaf: Any) -> int | None:
+    """Return how many numbers a part has when it is flattened; None where it cannot be."""
+    try:
+        flat = spaces.flatten_space(leaf)
+    except NotImplementedError:
+        return None
+    return int(flat.shape[0]) if isinstance(flat, spaces.Box) else None
+
+
+def _without(paths: Collection[str], space: Any) -> str:
+    """Say how parts are left out, where they can be."""
+    if not isinstance(space, spaces.Dict):
+        return ""
+    kept = [key for key in space.spaces if not any(p.split(".")[0] == str(key) for p in paths)]
+    return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
+
+
+def _entry(leaf: spaces.Space[Any], index: int) -> str:
+    if isinstance(leaf, spaces.Box) and len(leaf.shape) != 1:
+        place = ", ".join(map(str, np.unravel_index(index, leaf.shape))) if leaf.shape else ""
+        return f"entry [{place}]" if place else "the number"
+    return f"entry {index}"
+
+
+def _below(space: Any, path: str) -> list[tuple[Any, str, Any]] | None:
+    """Return key, path and space of each part of a composite space, in Gymnasium's order."""
+    if isinstance(space, spaces.Dict):
+        parts: Any = space.spaces.items()
+    elif isinstance(space, spaces.Tuple):
+        parts = enumerate(space.spaces)
+    else:
+        return None
+    return [(key, f"{path}.{key}" if path else str(key), part) for key, part in parts]
+
+
+def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
+    below = _below(space, path)
+    if below is None:
+        yield path, space
+        return
+    for _, place, part in below:
+        yield from _leaf_spaces(part, place)
+
+
+def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
+    """Yield path, space and value of every part that is not composite."""
+    below = _below(space, path)
+    if below is None:
+        yield path, space, raw
+        return
+    kind = Mapping if isinstance(space, spaces.Dict) else Sequence
+    if not isinstance(raw, kind) or isinstance(raw, str) or len(raw) != len(below):
+        raise ValueError(f"{_named(path, raw)}; {space} is wanted")
+    for key, place, part in below:
+        if isinstance(raw, Mapping) and key not in raw:
+            raise ValueError(f"{_named(path, raw)}, without `{key}`; {space} is wanted")
+        yield from _leaves(part, raw[key], place)
+
+
+def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]:
+    if not isinstance(leaf, spaces.Box):
+        if not leaf.contains(value):
+            raise ValueError(f"{_named(path, value)}; a member of {leaf} is wanted")
+        return np.asarray(spaces.flatten(leaf, value), dtype=np.float64).reshape(-1)
+    try:
+        array = np.asarray(value)
+    except Exception as error:  # ragged lists, a tensor with a gradient, or anything else
+        raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")
+    size = math.prod(leaf.shape)
+    if array.size != size:
+        raise ValueError(
+            f"{_named(path, value)}: {array.size} numbers of shape {array.shape}; "
+            f"{size} are wanted, for {leaf}"
+        )
+    return np.array(array, dtype=np.float64).reshape(-1)  # environments reuse their buffers
+
+
+def _named(path: str, value: Any) -> str:
+    return (f"`{path}` is " if path else "") + _shown(value)
+
+
+def _shown(value: Any) -> str:
+    return f"{reprlib.repr(value)} ({type(value).__name__})"
+
+
+# Answers of `reset` and `step`: an EnvironmentFailure says what was returned and what is expected.
+
+
+def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    """Return observation, reward, terminated, truncated and info, copied.
+
+    The reward must be finite; reward, terminated and truncated may be arrays of one element.
+    """
+    wanted = "the five values (observation, reward, terminated, truncated, info)"
+    raw, reward, terminated, truncated, info = _parts(answer, 5, wanted)
+    return (
+        _copied(raw),
+        _number(reward, "the reward"),
+        _truth(terminated, "terminated"),
+        _truth(truncated, "truncated"),
+        _info(info),
+    )
+
+
+def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
+    """Return observation and info, copied."""
+    raw, info = _parts(answer, 2, "the two values (observation, info)")
+    return _copied(raw), _info(info)
+
+
+def _parts(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
+    if isinstance(answer, tuple | list) and len(answer) == count:
+        return tuple(answer)
+    returned = _shown(answer)
+    if isinstance(answer, tuple | list):
+        returned = f"{len(answer)} values"
+    raise EnvironmentFailure(f"it returned {returned}, not {wanted}")
+
+
+def _copied(raw: Any) -> Any:
+    """Return a copy of an observation, because environments reuse their buffers."""
+    return copy.deepcopy(raw) if isinstance(raw, np.ndarray | Mapping | tuple | list) else raw
+
+
+def _number(value: Any, what: str) -> float:
+    element = single(value)
+    if not isinstance(element, Real):
+        advice = ""
+        if getattr(element, "shape", ()):
+            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
+        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
+    try:
+        number = float(element)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise EnvironmentFailure(f"{what} is {number}, not a finite number")
+    return number
+
+
+def _truth(value: Any, what: str) -> bool:
+    element = single(value)
+    if isinstance(element, Real) and element in (0, 1):
+        return bool(element)
+    raise EnvironmentFailure(f"{what} is {_shown(value)}, not True or False")
+
+
+def _info(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
+    return dict(value)
+
+
+def single(value: Any) -> Any:
+    """Return the only element of an array, a tensor or a NumPy scalar; else the value itself."""
+    if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
+        return value
+    try:
+        array = np.asarray(value)
+    except Exception:  # a tensor with a gradient refuses, and others may raise anything
+        return value
+    return array.item() if array.size == 1 else value
