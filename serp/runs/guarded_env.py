@@ -114,7 +114,7 @@ class _Unknown:
 
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose any action."""
-        return Proposal(0, False, None)
+        return Proposal(0, False)
 
     def propose_greedily(self) -> Proposal:
         """Propose any action."""

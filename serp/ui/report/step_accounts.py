@@ -19,8 +19,7 @@ from serp.agent.sentences import who_decided, why_refused
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
-from serp.planning.forecast import Bound
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, Bound
 from serp.runs.recording import ACTORS, REASONS
 from serp.runs.step_account import error_units, in_units, predicted_states
 from serp.ui.report.recorded_steps import RecordedSteps
