@@ -13,7 +13,7 @@ void bind_closed_graph(Module&);
 void bind_cell_graph(Module&);
 void bind_goal_search(Module&);
 void bind_network(Module&);
-void bind_q_learning(Module&);
+void bind_gradient_updates(Module&);
 
 }  // namespace serp
 
@@ -29,5 +29,5 @@ NB_MODULE(_core, module) {
     serp::bind_closed_graph(module);
     serp::bind_goal_search(module);
     serp::bind_network(module);
-    serp::bind_q_learning(module);
+    serp::bind_gradient_updates(module);
 }

@@ -1,7 +1,8 @@
 """The errors that a user of serp can meet.
 
 Errors that a user can fix derive from :class:`SerpError`; the command line prints their text
-without a traceback and exits with status 1. Any other exception that leaves serp is a bug.
+without a traceback and exits with status 1. Errors in a domain file, which show the line, are in
+`serp.pddl.source`. Any other exception that leaves serp is a bug.
 """
 
 from __future__ import annotations

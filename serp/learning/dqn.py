@@ -7,7 +7,7 @@ One env step of a training loop::
     learner.remember(observation, executed, reward, next_observation, terminated, truncated)
     loss = learner.learn()
 
-See `serp.learning.q_learning` about determinism.
+See `serp.learning.gradient_updates` about determinism.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy.typing as npt
 from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
+from serp.learning.gradient_updates import QLearning
 from serp.learning.onnx_export import network_as_onnx
-from serp.learning.q_learning import QLearning
 from serp.learning.replay import ReplayBuffer
 from serp.settings import LearnerSettings
 

@@ -1,4 +1,4 @@
-"""PDDL text with places, and the error that points at them."""
+"""PDDL text with places, and the error that points at them; see `serp.pddl.error_message`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from serp.errors import SerpError
+from serp.pddl.error_message import Excerpt, error_message, printable
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,6 @@ def newline_of(text: str) -> str:
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _OPENING = re.compile(r"\([^\s();]+(?:[ \t]+[^\s();]+)?")
-_LONG_QUOTE = re.compile(r"`([^`]{160,})`")
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,48 +336,15 @@ class DomainError(SerpError):
         self.column = place.column if place else None
         self.source_line: str | None = None
         self.corrected_line = ""
-        self._caret = 0
+        first, width, excerpt = self.problem, 0, None
         if place is not None:
-            self.source_line, self._caret = _window(place.source_line, place.column - 1)
+            first, width = f"{printable(str(place))}: {self.problem}", place.end - place.start
+            excerpt = Excerpt.of(place.line, place.source_line, place.column)
+            self.source_line = excerpt.text
             if write is not None:
-                self.corrected_line = _window(place.replaced(write), place.column - 1)[0]
-        super().__init__(self._render())
-
-    def _render(self) -> str:
-        place = self.place
-        lines = [self.problem if place is None else f"{printable(str(place))}: {self.problem}"]
-        if place is not None and self.source_line is not None:
-            width = max(1, min(place.end - place.start, len(self.source_line) - self._caret))
-            margin = f"{self.line:>5} | "
-            blank = " " * (len(margin) - 2) + "| "
-            lines.append(margin + self.source_line)
-            lines.append(blank + " " * self._caret + "^" * width)
-        if self.advice:
-            lines.append(f"  {self.advice}")
-        if self.corrected_line:
-            lines += ["  write", f"{self.line:>5} | {self.corrected_line}"]
-        return "\n".join(lines)
-
-
-def printable(text: str) -> str:
-    """Return a message without tabs and control characters, and without quotes of great length."""
-    return _LONG_QUOTE.sub(lambda match: f"`{match[1][:80]} ... {match[1][-20:]}`", _visible(text))
-
-
-def _visible(text: str) -> str:
-    """Replace tabs and control characters, which would move the caret or drive the terminal."""
-    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
-
-
-def _window(line: str, at: int) -> tuple[str, int]:
-    """Return what of a line is around a column (from 0), and where that column is in it."""
-    most = 160  # characters that a message shows
-    if len(line) <= most:
-        return _visible(line), at
-    begin = max(0, min(at - most // 2, len(line) - most))
-    end = begin + most
-    before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
-    return before + _visible(line[begin:end]) + after, at - begin + len(before)
+                corrected = Excerpt.of(place.line, place.replaced(write), place.column)
+                self.corrected_line = corrected.text
+        super().__init__(error_message(first, excerpt, width, self.advice, self.corrected_line))
 
 
 _RULE: Final = re.compile(r"^[;\s]*[-=~*_#+]{3,}|[-=~*_#+]{3,}\s*$")

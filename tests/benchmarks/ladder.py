@@ -125,7 +125,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "n-step": ["learner.n_step=1"],
     # Without a target network there is no clipped gradient, either.
     "target-network": ["learner.target_polyak=none"],
-    "gradient-clip": [("learning.q_learning:_LARGEST_NORM", np.inf)],
+    "gradient-clip": [("learning.gradient_updates:_LARGEST_NORM", np.inf)],
     "epsilon": ["learner.epsilon_steps=0", "learner.epsilon_end=0"],
 }
 # fmt: on

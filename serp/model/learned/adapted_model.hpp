@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "serp/model/learned/file_step.hpp"
-#include "serp/model/learned/outcome_table.hpp"
+#include "serp/model/learned/outcome_counts.hpp"
 #include "serp/model/learned/regression.hpp"
 #include "serp/model/model.hpp"
 #include "serp/model/written_model.hpp"

@@ -2,7 +2,7 @@
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
 or a change of the state. Outcomes are counted by action schema, over all states and in contexts:
-states with the same predicates and whole numbers; see `outcome_table.hpp`.
+states with the same predicates and whole numbers; see `outcome_counts.hpp`.
 """
 
 from __future__ import annotations

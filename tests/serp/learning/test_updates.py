@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.learning.q_learning import draw
+from serp.learning.gradient_updates import draw
 from tests.serp.learning.learners import learner, set_q
 
 POLYAK = 0.1

@@ -1,4 +1,4 @@
-#include "serp/model/learned/outcome_table.hpp"
+#include "serp/model/learned/outcome_counts.hpp"
 
 #include <algorithm>
 #include <array>

@@ -19,9 +19,9 @@ _LARGEST_NORM: Final = 10.0
 class QLearning(_core.QLearning):
     """The network of a learner, its target network, and their gradient updates.
 
-    The computation is compiled: `network.cpp` and `q_learning.cpp`. All members' parameters are one
-    float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps` is the
-    number of gradient updates.
+    The computation is compiled: `network.cpp` and `gradient_updates.cpp`. All members' parameters
+    are one float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps`
+    is the number of gradient updates.
 
     Determinism: equal parameters and inputs give equal bits on one kind of machine.
     """

@@ -249,7 +249,7 @@ Array<float> view_of_moment(nb::handle self) {
 
 }  // namespace
 
-void bind_q_learning(nb::module_& module) {
+void bind_gradient_updates(nb::module_& module) {
     nb::class_<ReplaySamples>(module, "ReplaySamples",
                               "N samples in arrays, which are those given; see "
                               "`serp.learning.replay`.")
