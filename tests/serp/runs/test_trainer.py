@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from serp.runs.evaluation import evaluate
-from serp.runs.tables import MetricsRow
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from tests.serp.runs.runs import CHANGES, everything, resume, rows, train
@@ -132,8 +131,7 @@ def test_rho_of_a_mixture_grows_with_every_episode(tmp_path):
 
 
 def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):
-    rewards: list[float] = []
-    seen: list[MetricsRow] = []
+    rewards, seen = [], []
     train(corridor(tmp_path), tmp_path / "alone", episodes=3)
     train(
         corridor(tmp_path), tmp_path / "seen", episodes=3,
@@ -146,7 +144,7 @@ def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):
 
 
 def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path):
-    calls: list[int] = []
+    calls = []
 
     def fails(step):
         calls.append(step.number)
