@@ -16,12 +16,18 @@ def one_blas_thread():
 
 
 @pytest.fixture
-def robot(tmp_path, monkeypatch):
-    """A file with a task in the working directory."""
+def folder(tmp_path, monkeypatch):
+    """The working directory, empty."""
     monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def robot(folder):
+    """A file with a task in the working directory."""
     path, modules = list(sys.path), set(sys.modules)
-    (tmp_path / "corridor.pddl").write_text(CORRIDOR)
-    file = tmp_path / "my_robot.py"
+    (folder / "corridor.pddl").write_text(CORRIDOR)
+    file = folder / "my_robot.py"
     file.write_text(ROBOT)
     yield file
     sys.path[:] = path

@@ -21,8 +21,7 @@ def task():
 @pytest.fixture(scope="module")
 def table():
     """Gymnasium's: cell → action → (probability, next cell, reward, whether it ends)."""
-    found = gym.make("CliffWalkingSlippery-v1").unwrapped.P
-    return found
+    return gym.make("CliffWalkingSlippery-v1").unwrapped.P
 
 
 def moved(cell, action):

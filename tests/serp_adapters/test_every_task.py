@@ -1,6 +1,5 @@
 """Every shipped task and domain file fits together, with the observations that really come."""
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,11 +11,11 @@ from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import find_task, load_task, task_entries
 from serp.ui.root import serp
+from tests.worlds import DOMAINS
 
-FOLDER = Path(__file__).resolve().parents[2] / "domains"
 VARIANTS = sorted(
     path.stem
-    for path in FOLDER.glob("*.pddl")
+    for path in DOMAINS.glob("*.pddl")
     if path.stem not in task_entries() and not path.stem.endswith("-problem")
 )
 """Files beside a task's own, which know less of it or get it wrong."""
@@ -72,14 +71,14 @@ def test_every_observation_is_a_state_every_step_is_judged_and_all_reproduce(nam
 
 @pytest.mark.parametrize("name", [*VARIANTS, *task_entries()])
 def test_serp_learns_with_every_shipped_file(name):
-    with find_task(str(FOLDER / f"{name}.pddl") if name in VARIANTS else name).bind() as task:
+    with find_task(str(DOMAINS / f"{name}.pddl") if name in VARIANTS else name).bind() as task:
         trainer = Trainer(task, resolve("default", task.task.settings), seed=1)
         assert next(trainer.run()).length >= 1
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in FOLDER.glob("*.scenarios")))
+@pytest.mark.parametrize("name", sorted(path.stem for path in DOMAINS.glob("*.scenarios")))
 def test_the_planner_does_what_the_scenarios_want(name):
-    result = CliRunner().invoke(serp, ["test", str(FOLDER / f"{name}.pddl")])
+    result = CliRunner().invoke(serp, ["test", str(DOMAINS / f"{name}.pddl")])
     assert result.exit_code == 0, result.output
 
 
@@ -87,7 +86,7 @@ def test_the_planner_does_what_the_scenarios_want(name):
 def test_a_variant_differs_from_the_own_file_in_its_predictions_alone(name):
     """Who learns with a variant has the same words and rewards, and the same is unsafe."""
     with (
-        find_task(str(FOLDER / f"{name}.pddl")).bind() as variant,
+        find_task(str(DOMAINS / f"{name}.pddl")).bind() as variant,
         load_task(variant.name).bind() as full,
     ):
         assert variant.domain.name == name and name.startswith(f"{variant.name}-")

@@ -57,8 +57,7 @@ def kind(request):
 
 @pytest.fixture(scope="module")
 def task(kind):
-    bound = kind.module.task().bind()
-    return bound
+    return kind.module.task().bind()
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,9 @@
 
 from pathlib import Path
 
+DOMAINS = Path(__file__).parents[2] / "domains"
+"""The shipped files."""
+
 
 def text(name):
     """The text of a file."""

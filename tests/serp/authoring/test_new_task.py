@@ -52,12 +52,6 @@ class Robot(gymnasium.Env):
 '''
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 @pytest.mark.parametrize(
     ("env", "actions", "numbers"),
     [

@@ -7,11 +7,6 @@ from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
-TARGETS = {
-    "none": {"target_polyak": None},
-    "polyak": {"target_polyak": 0.05},
-}
-
 
 def learner(seed=0, imitates=False, discount=0.99, **settings):
     small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}

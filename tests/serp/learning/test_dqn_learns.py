@@ -1,9 +1,5 @@
 """Learns what is known to be right: the optimal Q of a small deterministic task."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -48,7 +44,7 @@ def experience(agent, episodes, rng):
             state, action = after, int(best[after])
 
 
-RECIPES: dict[str, dict[str, Any]] = {
+RECIPES = {
     "paper": {"target_polyak": None, "n_step": 1},
     "LayerNorm": {"target_polyak": 0.05, "layer_norm": True},
     "members": {"target_polyak": 0.05, "members": 3},

@@ -10,9 +10,10 @@ from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.io import PDDLReader
 
 from serp.model.domain import load_domain, problem_beside
+from tests.worlds import DOMAINS
 
 FOLDER = Path(__file__).parent / "pddl_files"
-SHIPPED = sorted((Path(__file__).resolve().parents[3] / "domains").glob("*.pddl"))
+SHIPPED = sorted(DOMAINS.glob("*.pddl"))
 
 # Ground actions by schema, counted by hand, and a plan that reaches the goal with its last action.
 CLASSICAL = {

@@ -21,11 +21,9 @@ from tests.worlds import text
 
 SETTINGS = PlannerSettings(depth=3)
 
-TRACK = text("track")
-
 
 def track():
-    return load(TRACK)
+    return load(text("track"))
 
 
 def along(low, high):

@@ -34,10 +34,6 @@ def boat(far, metric=""):
     return load_texts(texts).model
 
 
-def start(model):
-    return model.initial_state
-
-
 def successors(model, state):
     """The next states, and whether some action reaches the goal."""
     found, ended = [], False
@@ -63,22 +59,22 @@ def check_way(model, way):
 def test_a_way_to_the_goal_of_a_problem_file_is_found(name):
     model = load_domain(FILES / f"{name}.pddl").model
     search = GoalSearch(model, SETTINGS)
-    way = search.way(start(model), 5_000)
-    assert way is not None and (way[0] == start(model)).all()
+    way = search.way(model.initial_state, 5_000)
+    assert way is not None and (way[0] == model.initial_state).all()
     assert 0 < search.steps <= 5_000
     check_way(model, way)
-    again = GoalSearch(model, SETTINGS).way(start(model), 5_000)
+    again = GoalSearch(model, SETTINGS).way(model.initial_state, 5_000)
     assert again is not None and again.tobytes() == way.tobytes()
 
 
 def test_numbers_without_bounds_are_followed_in_the_right_direction():
     model = boat(120.0)
     search = GoalSearch(model, SETTINGS)
-    way = search.way(start(model), 5_000)
+    way = search.way(model.initial_state, 5_000)
     assert way is not None and 40 <= len(way) <= 60
     check_way(model, way)
-    for none in (search.way(start(model), 20), GoalSearch(boat(1e9), SETTINGS).way(way[0], 2_000)):
-        assert none is None
+    assert search.way(model.initial_state, 20) is None
+    assert GoalSearch(boat(1e9), SETTINGS).way(way[0], 2_000) is None
 
 
 def test_a_way_is_safe_and_a_domain_without_a_goal_has_none():
@@ -170,7 +166,7 @@ def replanned(model, monkeypatch, most):
     """Replan in the model until the goal is reached; return the sum of rewards."""
     monkeypatch.setattr("serp.planning.far_sight._SMALL_GRAPH", most)
     planner = far_sight(model, SETTINGS)
-    state, total = start(model), 0.0
+    state, total = model.initial_state, 0.0
     for _ in range(100):
         forecast = planner.forecast(state)
         assert forecast.bound in (Bound.NODES, Bound.EXHAUSTED)

@@ -22,11 +22,6 @@ def ferry():
     return load_texts(Texts(FERRY, CROSS)).model
 
 
-def start():
-    state = ferry().initial_state
-    return state
-
-
 def follower(*names):
     """A follower whose engine always returns the same plan; none where no action is named."""
     plan = [ferry().action_index(name) for name in names]
@@ -49,13 +44,13 @@ def test_an_action_that_failed_is_repeated_without_another_search():
     planner = follower(*WAY)
     moves = (True, False, False, True, True, False, True, True, True)
     repeated = [WAY[0], *[WAY[1]] * 3, WAY[2], *[WAY[3]] * 2, WAY[4], WAY[5]]
-    assert drive(planner, moves, start()) == repeated
+    assert drive(planner, moves, ferry().initial_state) == repeated
     assert planner.searches == 1
 
 
 def test_the_shortest_rest_of_the_plan_that_holds_is_followed():
     planner = follower(*WAY)
-    planner.forecast(start())
+    planner.forecast(ferry().initial_state)
     carried = ferry().state({**dict.fromkeys((f.name for f in ferry().fluents), False),
                              "at c": True, "loaded": True, "wet": True})  # fmt: skip
     assert drive(planner, [True] * 3, carried) == list(WAY[3:])
@@ -74,7 +69,7 @@ def test_the_shortest_rest_of_the_plan_that_holds_is_followed():
 def test_no_plan_is_believed_unchecked(plan):
     planner, alone = follower(*plan), follower()
     for _ in range(7):
-        found, own = planner.forecast(start()), alone.forecast(start())
+        found, own = planner.forecast(ferry().initial_state), alone.forecast(ferry().initial_state)
         assert found.choice == own.choice and np.array_equal(found.value, own.value)
         assert planner.plan == ()
     assert planner.searches == 3  # at decisions 1, 3 and 7: less and less often
@@ -98,10 +93,10 @@ def test_without_a_goal_a_plan_leads_to_an_end_with_a_reward():
 
 def test_a_follower_continues_as_saved():
     planner, other = follower(*WAY), follower()
-    planner.forecast(start())
+    planner.forecast(ferry().initial_state)
     other.load_state_dict(*planner.state_dict())
-    assert drive(other, [False] + [True] * 6, start()) == [WAY[0], *WAY]
-    assert drive(other, [True] * 6, start()) == list(WAY)  # another episode
+    assert drive(other, [False] + [True] * 6, ferry().initial_state) == [WAY[0], *WAY]
+    assert drive(other, [True] * 6, ferry().initial_state) == list(WAY)  # another episode
     assert other.searches == 1
     arrays, meta = planner.state_dict()
     with pytest.raises(RunError, match="plan has entries"):
@@ -112,7 +107,7 @@ def test_a_follower_continues_as_saved():
 def test_advice_never_prevails_over_risk(advice, chosen):
     model = ferry()
     found = AdvisedPlanner(model, SETTINGS, lambda state: model.action_index(advice)).forecast(
-        start()
+        ferry().initial_state
     )
     assert (model.actions[found.choice].name == advice) == chosen
     assert not (chosen and found.indifferent)

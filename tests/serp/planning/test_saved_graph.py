@@ -13,10 +13,7 @@ from tests.serp.planning.worlds import load
 from tests.worlds import text
 
 SETTINGS = PlannerSettings()
-
-
-def corridor():
-    return load(text("way"))
+MODEL = load(text("way"))
 
 
 def planner_at(*places):
@@ -24,9 +21,6 @@ def planner_at(*places):
     for x in places:
         planner.forecast(np.array([x]))
     return planner
-
-
-MODEL = corridor()
 
 
 @pytest.mark.parametrize("places", [(), (5.0,), (5.0, 5.5, 6.25)])

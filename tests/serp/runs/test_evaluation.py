@@ -3,24 +3,20 @@
 import json
 from typing import get_args
 
-import numpy as np
 import pytest
 
 from serp.errors import SettingsError
-from serp.runs.evaluation import (
-    Policy,
-    evaluate,
-)
+from serp.runs.evaluation import Policy, evaluate
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.sample_tasks import Corridor, corridor, reckless
 
 POLICIES = get_args(Policy)
 
 
-def trained(folder, episodes=6):
+def trained(folder, episodes=6, **changes):
     task = corridor(folder)
-    trainer = Trainer(task.bind(), resolve("default", task.settings), 4)
+    trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 4)
     for _ in range(episodes):
         next(trainer.run())
     return trainer
@@ -62,12 +58,8 @@ def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path
 
 
 def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path):
-    agent = with_rho(tmp_path, 1.0)
-    learner = agent.learner
-    parameters = learner.state_dict()[0]["parameters"]
-    arrays, meta = learner.state_dict()
-    arrays["parameters"] = np.zeros_like(parameters)  # all Q equal: always `left`, into the pit
-    learner.load_state_dict(arrays, meta)
+    always = {"rho": 1.0, "rho_increment": 0.0}
+    agent = reckless(trained(tmp_path, 0, arbiter=always, guide={"strategy": "mixture"}).agent)
     alone = evaluate(agent, corridor(tmp_path).bind(), "learner", episodes=5)
     mixed = evaluate(agent, corridor(tmp_path).bind(), "serp", episodes=5)
     assert alone.unsafe_executed == alone.avoidable_unsafe >= 5
@@ -76,17 +68,6 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path):
     assert all(value < -4 for value in alone.returns)
     assert mixed.unsafe_executed == mixed.avoidable_unsafe == mixed.unsafe_observed == 0
     assert mixed.vetoes > 0
-
-
-def with_rho(folder, rho, preset="default"):
-    task = corridor(folder)
-    settings = resolve(preset, task.settings).replace(
-        {
-            "arbiter": {"rho": rho, "rho_increment": 0.0},
-            "guide": {"strategy": "mixture"},
-        }
-    )
-    return Trainer(task.bind(), settings, 4).agent
 
 
 def test_what_cannot_be_evaluated_is_refused(tmp_path):

@@ -9,8 +9,8 @@ from gymnasium.wrappers import NormalizeObservation, TimeLimit
 from serp.errors import RunError, SettingsError, TaskError
 from serp.runs.run import Run, load_run
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import everything, resume, train, without_pictures
-from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.runs.runs import everything, resume, train
+from tests.serp.sample_tasks import SMALL, Corridor, corridor
 
 
 class Plain(Corridor):
@@ -127,39 +127,21 @@ def test_metadata_that_does_not_fit_is_refused(tmp_path):
     train(corridor(tmp_path), tmp_path / "run", episodes=1)
     file = tmp_path / "run" / "config.json"
     about = json.loads(file.read_text())
-    for change in (
-        {"seed": 1.5},
-        {"control_period": 0},
-        {"budget": None},
-        {"settings": {"learner": 3}},
-    ):
-        file.write_text(json.dumps({**about, "config": {**about["config"], **change}}))
+    wrong = {"seed": 1.5, "control_period": 0, "budget": None, "settings": {"learner": 3}}
+    for name, value in wrong.items():
+        file.write_text(json.dumps({**about, "config": {**about["config"], name: value}}))
         with pytest.raises(
             RunError, match=r"config\.json was not written .* damaged: .+Restore it"
         ):
             Run(file.parent)
 
 
-PLANNERS = {
-    "rightwards": lambda state: "right",
-}
-
-
-@without_pictures()
-def train_with(folder, out, planner, episodes):
-    return plan_and_learn(
-        corridor(folder, planners=PLANNERS),
-        settings={"planner": {"name": planner, "depth": 2}},
-        episodes=episodes,
-        seed=3,
-        out=out,
-        quiet=True,
-    )
-
-
 def test_a_run_with_a_planner_of_its_own_resumes_as_if_uninterrupted(tmp_path):
-    run = train_with(tmp_path, tmp_path / "whole", "rightwards", 6)
+    settings = {"*": {**SMALL, "planner": {"name": "rightwards", "depth": 2}}}
+    planners = {"rightwards": lambda state: "right"}
+    task = corridor(tmp_path, planners=planners, settings=settings)
+    run = train(task, tmp_path / "whole", episodes=6)
     assert run.evaluate("planner", episodes=1, quiet=True).returns
-    train_with(tmp_path, tmp_path / "half", "rightwards", 3)
-    resume(corridor(tmp_path, planners=PLANNERS), tmp_path / "half", episodes=6)
+    train(task, tmp_path / "half", episodes=3)
+    resume(corridor(tmp_path, planners=planners), tmp_path / "half", episodes=6)
     assert everything(tmp_path / "half") == everything(tmp_path / "whole")

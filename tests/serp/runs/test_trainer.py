@@ -1,64 +1,56 @@
 """Algorithm 1: what a step does, and what the learner is given."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from serp.runs.evaluation import evaluate
-from serp.runs.tables import MetricsRow
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from tests.serp.runs.runs import CHANGES, everything, resume, rows, train
 from tests.serp.sample_tasks import Corridor, corridor
 
 
-def settings_of(task, preset):
-    return resolve(preset, task.settings, CHANGES[preset])
+def begun(task, preset="default", seed=0, **changes):
+    """A training with changes of settings, else with those of all runs with the preset."""
+    return Trainer(task.bind(), resolve(preset, task.settings, changes or CHANGES[preset]), seed)
+
+
+def remembered(trainer):
+    """What the learner is given to remember: a list that grows."""
+    learner = trainer.agent.learner
+    seen, remember = [], learner.remember
+
+    def record(*transition):
+        seen.append(transition)
+        remember(*transition)
+
+    learner.remember = record
+    return seen
 
 
 # What a step does ---------------------------------------------------------------------------------
 
 
-class Recorder:
-    """Listens to what the learner is given to remember."""
-
-    def __init__(self, trainer):
-        self.seen: list[tuple[Any, ...]] = []
-        learner = trainer.agent.learner
-        remember = learner.remember
-
-        def record(*transition):
-            self.seen.append(transition)
-            remember(*transition)
-
-        learner.remember = record  # type: ignore[assignment]
-
-
 def test_terminated_and_truncated_reach_the_learner_apart(tmp_path):
-    task = corridor(tmp_path)
-    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
-    recorder = Recorder(trainer)
+    trainer = begun(corridor(tmp_path), "paper")
+    seen = remembered(trainer)
     rows = [next(trainer.run()) for _ in range(40)]
-    ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
-    assert len(ends) == len(rows)
-    for row, seen in zip(rows, ends, strict=True):
-        assert (row.terminated, row.truncated) == seen[4:6]
+    ends = [each[4:6] for each in seen if each[4] or each[5]]
+    assert ends == [(row.terminated, row.truncated) for row in rows]
     assert any(row.terminated for row in rows)
     assert any(row.truncated for row in rows)
 
 
 def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path):
     """The robot slips: a model that predicts the goal must not pay for it unless it is reached."""
-    task = corridor(tmp_path)
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
-    recorder = Recorder(trainer)
+    trainer = begun(corridor(tmp_path), seed=5)
+    seen = remembered(trainer)
     rows = [next(trainer.run()) for _ in range(15)]
-    for _, action, reward, following, *_ in recorder.seen:
+    for _, action, reward, following, *_ in seen:
         x = following[0]
         step = -0.1 if action < 3 else 0.0  # the domain does not mention the fourth action
         assert reward == pytest.approx(step + (5 if x >= 4 else -5 if x <= -3 else 0))
-    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(
+    assert sum(each[2] for each in seen) == pytest.approx(
         sum(row.domain_return for row in rows if row.domain_return is not None)
     )
 
@@ -76,7 +68,7 @@ class Gusty(Corridor):
 
 def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(tmp_path):
     task = corridor(tmp_path, Gusty)
-    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    trainer = begun(task, "paper")
     rows = [next(trainer.run()) for _ in range(10)]
     assert {(row.length, row.unsafe_observed) for row in rows} >= {(4, 2)}
     assert all(row.unsafe_observed == (row.length > 1) + (row.length == 4) for row in rows)
@@ -86,8 +78,7 @@ def test_steps_are_unsafe_by_what_was_observed_and_by_what_the_environment_says(
 
 
 def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path):
-    task = corridor(tmp_path)
-    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    trainer = begun(corridor(tmp_path), "paper")
     learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
     while trainer.env_steps < 25:
         assert learner.updates == 0
@@ -113,27 +104,23 @@ class Endless(Corridor):
 
 
 def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path):
-    task = corridor(tmp_path, Endless)
-    settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
-    trainer = Trainer(task.bind(), settings, 0)
-    recorder = Recorder(trainer)
+    trainer = begun(corridor(tmp_path, Endless), training={"episode_steps": 17})
+    seen = remembered(trainer)
     rows = [next(trainer.run()) for _ in range(2)]
     assert [(row.length, row.terminated, row.truncated) for row in rows] == [(17, False, True)] * 2
-    assert [seen[5] for seen in recorder.seen] == ([False] * 16 + [True]) * 2
-    assert not any(seen[4] for seen in recorder.seen)
+    assert [each[5] for each in seen] == ([False] * 16 + [True]) * 2
+    assert not any(each[4] for each in seen)
 
 
 def test_rho_of_a_mixture_grows_with_every_episode(tmp_path):
-    task = corridor(tmp_path)
     changes = {"arbiter": {"rho_increment": 0.1}, "guide": {"strategy": "mixture"}}
-    trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
+    trainer = begun(corridor(tmp_path), seed=1, **changes)
     for grown in range(1, 12):
         assert next(trainer.run()).rho == pytest.approx(min(1.0, 0.1 * grown))
 
 
 def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):
-    rewards: list[float] = []
-    seen: list[MetricsRow] = []
+    rewards, seen = [], []
     train(corridor(tmp_path), tmp_path / "alone", episodes=3)
     train(
         corridor(tmp_path), tmp_path / "seen", episodes=3,
@@ -146,7 +133,7 @@ def test_callbacks_see_every_step_and_episode_and_change_nothing(tmp_path):
 
 
 def test_one_that_fails_ends_the_run_after_the_episode_and_it_goes_on(tmp_path):
-    calls: list[int] = []
+    calls = []
 
     def fails(step):
         calls.append(step.number)

@@ -2,7 +2,6 @@
 
 import json
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SettingsError
-from serp.settings import PRESETS, Section, Settings, TrainingSettings, resolve
+from serp.settings import PRESETS, Settings, TrainingSettings, resolve
 from tests.generated.profile import examples
 
-OUTSIDE: dict[str, list[Any]] = {
+OUTSIDE = {
     "planner.name": [3],
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
     "planner.discount": [0.0, 1.5, -0.1, math.nan, "high", False],
@@ -73,7 +72,7 @@ def test_what_does_not_exist_or_fit_is_refused_by_name(changes, said):
 
 
 def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place():
-    changes: dict[str, dict[str, Any]] = {
+    changes = {
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
         "learner": {"hidden": np.array([8, 8]), "members": np.uint8(2), "layer_norm": np.True_},
@@ -83,9 +82,8 @@ def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place()
     for _, values in settings:
         for _, value in values:
             assert type(value) in (int, float, bool, str, tuple, type(None))
-    section: Section = TrainingSettings()
     with pytest.raises(ValueError, match="frozen"):
-        section.env_steps = 3  # type: ignore[attr-defined]
+        TrainingSettings().env_steps = 3
 
 
 @examples(60)

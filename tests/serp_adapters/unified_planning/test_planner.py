@@ -41,8 +41,7 @@ def model_of(name):
 
 def sent(model):
     """The problem as another process receives it."""
-    task = json.loads(json.dumps(translated(model)))
-    return task
+    return json.loads(json.dumps(translated(model)))
 
 
 @pytest.mark.parametrize("name", ["rover", "briefcase", "counters"])

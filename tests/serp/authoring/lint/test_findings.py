@@ -1,7 +1,6 @@
 """All findings come in one pass, comments silence warnings, and other programs read them."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -10,8 +9,7 @@ from serp.pddl.source import Source
 from serp.ui.commands.files import write_changed
 from tests.serp.authoring.lint.checks_page import EXAMPLES, TEXT
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
-
-ROOT = Path(__file__).resolve().parents[4]
+from tests.worlds import DOMAINS
 
 MANY = """\
 (define (domain d)
@@ -108,7 +106,7 @@ PROBLEM = "(:init (on desk) (= (level) 1)) (:goal (and))"
 
 
 def test_a_lost_parenthesis_is_told_in_its_place_and_once():
-    text = (ROOT / "domains" / "cliff.pddl").read_text()
+    text = (DOMAINS / "cliff.pddl").read_text()
     code = re.sub(";[^\n]*", lambda match: " " * len(match[0]), text)
     near = 0
     places = [match.start() for match in re.finditer(r"[()]", code)][::4]

@@ -12,8 +12,8 @@ from serp.pddl.source import Source, edited
 from serp.pddl.syntax import meaning
 from serp.tasks.registry import task_of
 from tests.serp.authoring.lint.checks_page import ERRORS, EXAMPLES
+from tests.worlds import DOMAINS
 
-DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 EDITED = "edited.pddl"
 MISTAKES = tomllib.loads(Path(__file__).with_name("mistakes.toml").read_text(encoding="utf-8"))[
     "mistake"

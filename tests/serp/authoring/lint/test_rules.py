@@ -1,7 +1,5 @@
 """Rules find what a right domain may have forgotten, and say nothing of what is meant."""
 
-from pathlib import Path
-
 import pytest
 from hypothesis import given
 
@@ -13,9 +11,7 @@ from tests.generated.models import load_texts, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import Texts
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
-from tests.worlds import text
-
-ROOT = Path(__file__).resolve().parents[4]
+from tests.worlds import DOMAINS, text
 
 
 def warned(domain, problem=WALK_PROBLEM):
@@ -23,7 +19,7 @@ def warned(domain, problem=WALK_PROBLEM):
     return [finding.rendered for finding in findings]
 
 
-@pytest.mark.parametrize("file", sorted((ROOT / "domains").glob("*.pddl")), ids=lambda p: p.name)
+@pytest.mark.parametrize("file", sorted(DOMAINS.glob("*.pddl")), ids=lambda p: p.name)
 def test_of_what_is_shipped_nothing_is_left_to_say(file):
     if not file.stem.endswith("-problem"):
         assert [finding.rendered for finding in examine(file).findings] == []

@@ -1,7 +1,5 @@
 """What scenarios expect, against the model and the planner."""
 
-from pathlib import Path
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,8 +8,8 @@ from serp.authoring.scenarios.checking import Decider, run_scenarios
 from serp.model.domain import load_domain
 from serp.pddl.source import Source
 from serp.settings import Settings
+from tests.worlds import DOMAINS
 
-DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 CARTPOLE = load_domain(DOMAINS / "cartpole.pddl", observed=True)
 SETTINGS = Settings().replace({"planner": {"name": "lookahead", "depth": 3}})
 

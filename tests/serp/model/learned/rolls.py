@@ -1,9 +1,6 @@
 """Transitions to learn from: of the real cart-pole, of an icy cliff, and of any model."""
 
-from __future__ import annotations
-
 import functools
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -14,8 +11,8 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.pddl.source import Source
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
+from tests.worlds import DOMAINS
 
-DOMAINS = Path(__file__).parents[4] / "domains"
 DT = 0.02
 """Control period of cart-pole, seconds."""
 

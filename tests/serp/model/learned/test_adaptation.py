@@ -1,9 +1,6 @@
 """What each env step teaches, what none does, and that a run continued equals one never stopped."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +17,6 @@ from tests.serp.model.learned.worlds import (
     adapted,
     any_state,
 )
-
-Saved = tuple[dict[str, Any], dict[str, Any]]
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
 
 
 def bits(saved):
@@ -43,7 +37,7 @@ def steps_of(of, count, seed):
     rng = np.random.default_rng(seed)
     numeric = np.array([fluent.numeric for fluent in of.model.fluents])
     mixing = np.random.default_rng(1).normal(size=(len(numeric), len(numeric)))
-    steps: list[Step] = []
+    steps = []
     for k in range(count):
         state, action = any_state(of.model, rng), int(rng.integers(-1, len(of.model.actions)))
         moved = state + 0.1 * np.sin(mixing @ state) + 0.05 * action + 0.5 * (k > 200)
@@ -168,6 +162,3 @@ def test_where_an_action_is_not_applicable_nothing_is_learned():
     expected = adapted(of).written.step(state, 0).state
     assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
     assert of.visits.tolist() == [60, 0]
-
-
-# In a training ---------------------------------------------------------------------------------

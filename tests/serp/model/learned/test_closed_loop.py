@@ -8,7 +8,7 @@ from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.registry import load_task
-from tests.serp.model.learned.rolls import DOMAINS
+from tests.worlds import DOMAINS
 
 SEEDS = (2000, 2001, 2002)
 

@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,12 +6,10 @@ from hypothesis import strategies as st
 from serp.errors import RunError
 from serp.model.learned.transitions import TransitionMemory
 
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool, float]
-
 
 def steps_of(count, seed=0):
     rng = np.random.default_rng(seed)
-    steps: list[Step] = []
+    steps = []
     for _ in range(count):
         state, after = rng.normal(size=(2, 3))
         after[rng.random(3) < 0.1] = rng.choice([np.nan, np.inf, -0.0])
@@ -55,7 +49,7 @@ def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing():
     experience = filled(steps_of(30), 20)
     before = bits(experience)
     arrays, meta = filled(steps_of(25, seed=1), 20).state_dict()
-    wrong: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    wrong = [
         (arrays, {**meta, "capacity": 21}),
         (arrays, {**meta, "seen": 12}),
         (arrays, {}),

@@ -1,7 +1,5 @@
 """Rewards and ends of steps: what is learned of them beside the rules of the file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

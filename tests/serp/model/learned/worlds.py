@@ -1,7 +1,5 @@
 """Small worlds whose domain files leave something out, and arbitrary adaptations of any model."""
 
-from __future__ import annotations
-
 import functools
 from random import Random
 from typing import Any
@@ -15,7 +13,8 @@ from serp.model.learned.adapted_model import AdaptedModel
 from serp.model.learned.feature_groups import CURVED, FEATURES, FILE, FULL, LINEAR
 from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate
-from tests.serp.model.learned.rolls import DOMAINS, from_text
+from tests.serp.model.learned.rolls import from_text
+from tests.worlds import DOMAINS
 
 PLANE = """(define (domain plane)
   (:functions (p) (v))

@@ -4,13 +4,8 @@ import numpy as np
 import pytest
 
 from serp.runs.diagnosis.analysis import findings
-from tests.serp.model.learned.rolls import (
-    DOMAINS,
-    from_text,
-    imagined,
-    on_ice,
-)
-from tests.worlds import text
+from tests.serp.model.learned.rolls import from_text, imagined, on_ice
+from tests.worlds import DOMAINS, text
 
 FLEET = text("battery-fleet")
 TRUE_FLEET = FLEET.replace(

@@ -12,7 +12,7 @@ from serp.runs.diagnosis.accuracy import WELL
 from serp.runs.diagnosis.analysis import findings
 from serp.runs.diagnosis.diagnosis import make_diagnosis
 from serp.runs.diagnosis.repair import repair
-from tests.serp.model.learned.rolls import DOMAINS, from_text, on_ice
+from tests.serp.model.learned.rolls import from_text, on_ice
 from tests.serp.runs.diagnosis.made_up import (
     found,
     parameter,
@@ -22,7 +22,7 @@ from tests.serp.runs.diagnosis.made_up import (
     taken,
     written,
 )
-from tests.worlds import text
+from tests.worlds import DOMAINS, text
 
 ROVER = text("rover")
 STEPS = 300

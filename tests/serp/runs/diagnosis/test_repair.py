@@ -26,7 +26,7 @@ from serp.runs.diagnosis.findings import (
     decimal,
 )
 from serp.runs.diagnosis.repair import Repaired, repair
-from tests.serp.model.learned.rolls import DOMAINS, DT, balance, cartpole, from_text
+from tests.serp.model.learned.rolls import DT, balance, cartpole, from_text
 from tests.serp.model.learned.test_parameter_fit import CARTS
 from tests.serp.runs.diagnosis.made_up import (
     found,
@@ -38,6 +38,7 @@ from tests.serp.runs.diagnosis.made_up import (
     written,
 )
 from tests.serp.runs.diagnosis.test_analysis import FLEET, ROBOTS
+from tests.worlds import DOMAINS
 
 NAMES = ("cartpole", "cartpole-empty", "cartpole-no-velocity", "cartpole-reversed")
 

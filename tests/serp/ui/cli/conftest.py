@@ -1,15 +1,11 @@
 """Running commands as a user does, in an empty folder."""
 
-from collections.abc import Callable
-
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import CliRunner
 
 from serp.ui.root import serp
 from tests.serp.runs.runs import without_pictures
 from tests.worlds import text
-
-Run = Callable[..., Result]
 
 # Falls soon and learns fast: what a run holds matters here, not how good it is.
 QUICK = [
@@ -26,13 +22,6 @@ QUICK = [
 
 WALK = "\n" + text("walk")  # a blank line that `serp format` takes away
 WALK_PROBLEM = text("walk-problem")
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """The working directory, empty."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 @pytest.fixture

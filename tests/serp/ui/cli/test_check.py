@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
+from tests.worlds import DOMAINS
 
-DOMAINS = Path(__file__).resolve().parents[4] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
 
 

@@ -10,21 +10,19 @@ from click.testing import CliRunner
 from serp.runs.comparison import pool
 from serp.ui.root import serp
 
-SETTINGS = [
-    "--set=planner.depth=2",
-    # Falls soon: a full episode would be longer than the budget.
-    "--set=arbiter.rho=1",
-    "--set=arbiter.veto_horizon=step",
-]
-TINY = [
+COMPARE = [
+    "compare",
+    "--domain=cartpole",
     "--env-steps=60",
     "--evaluation-episodes=1",
     "--final-episodes=1",
     "--seeds=1",
     "--jobs=1",
-    *SETTINGS,
+    "--set=planner.depth=2",
+    # Falls soon: a full episode would be longer than the budget.
+    "--set=arbiter.rho=1",
+    "--set=arbiter.veto_horizon=step",
 ]
-COMPARE = ["compare", "--domain=cartpole", *TINY]
 
 
 @pytest.fixture(autouse=True)

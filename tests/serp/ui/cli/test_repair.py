@@ -8,8 +8,9 @@ import pytest
 
 from serp.runs.comparison.algorithms import OWN
 from tests.serp.ui.cli.conftest import train
+from tests.worlds import DOMAINS
 
-EMPTY = Path(__file__).parents[4] / "domains" / "cartpole-empty.pddl"
+EMPTY = DOMAINS / "cartpole-empty.pddl"
 PLANNER_ALONE = [
     f"--set={section}.{name}={value if isinstance(value, str) else json.dumps(value)}"
     for section, values in OWN["mrp"].changes.items()

@@ -5,7 +5,6 @@ import gzip
 import json
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +15,10 @@ from serp.runs.tables import read_metrics
 from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK, train
 from tests.serp.ui.studio.browser import CHROMIUM, chromium
+from tests.worlds import DOMAINS
 
 HOSTILE = "</script><script>document.title = 'taken'</script><img src=x onerror=alert(1)>"
-CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
+CARTPOLE = DOMAINS / "cartpole.pddl"
 
 
 @pytest.fixture(scope="module")

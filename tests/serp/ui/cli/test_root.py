@@ -31,11 +31,6 @@ HEAVY = TASKS | {"numpy", "rich"}
 """Nor the help."""
 
 
-def subcommand(name):
-    command = group.get_command(click.Context(group), name)
-    return command
-
-
 @pytest.mark.parametrize("name", ["", *COMMANDS])
 def test_examples_of_the_help_are_valid_command_lines(name, run):
     shown = run(*filter(None, [name]), "--help").stdout
@@ -47,7 +42,7 @@ def test_examples_of_the_help_are_valid_command_lines(name, run):
         assert not name or words[1] == name
         if words[-1] != "--help":
             with group.make_context("serp", words[1:]) as ctx:
-                command = subcommand(words[1])
+                command = group.get_command(ctx, words[1])
                 command.make_context(words[1], words[2:], parent=ctx).close()
 
 

@@ -5,8 +5,7 @@ import shutil
 from pathlib import Path
 
 from tests.serp.ui.cli.conftest import QUICK as LEARN
-
-DOMAINS = Path(__file__).resolve().parents[4] / "domains"
+from tests.worlds import DOMAINS
 
 QUICK = ("--set=planner.name=lookahead", "--set=planner.depth=2")
 

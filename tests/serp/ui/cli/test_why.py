@@ -1,7 +1,6 @@
 """`serp why`."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ import pytest
 from serp.planning.forecast import Bound
 from serp.runs.recording import open_recording
 from tests.serp.ui.cli.conftest import QUICK, train
+from tests.worlds import DOMAINS
 
 
 def explained(run, *arguments):
@@ -34,7 +34,7 @@ def test_a_step_is_the_same_however_it_is_asked_for(run, trained):
     assert (shown["step"], shown["episode"], shown["number"]) == (0, 1, 1)
 
 
-CARTPOLE = Path(__file__).parents[4] / "domains" / "cartpole.pddl"
+CARTPOLE = DOMAINS / "cartpole.pddl"
 WRONG = "(decrease (cart-velocity) 0.195)"
 
 

@@ -5,7 +5,8 @@ import pytest
 from serp.runs.run import load_run
 from serp.runs.train import plan_and_learn
 from tests.serp.runs.runs import without_pictures
-from tests.serp.ui.pictures.scene import drawn, reckless
+from tests.serp.sample_tasks import reckless
+from tests.serp.ui.pictures.scene import drawn
 
 
 @pytest.fixture(scope="session")

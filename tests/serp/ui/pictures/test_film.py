@@ -6,16 +6,21 @@ import pytest
 from PIL import ImageColor
 
 from serp._util import figures
+from serp.agent.agent import Agent
 from serp.runs.evaluation import evaluate, play
+from serp.settings import resolve
 from serp.ui.pictures.film import HOLD, Mark, film
-from tests.serp.ui.pictures.scene import bound, reckless_agent
+from tests.serp.sample_tasks import reckless
+from tests.serp.ui.pictures.scene import bound, drawn
 
 RED = ImageColor.getrgb(figures.REFUSED)
 
 
 @pytest.fixture
 def agent(tmp_path):
-    return reckless_agent(tmp_path)
+    task = drawn(tmp_path)
+    changes = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+    return reckless(Agent(task.bind(), resolve("default", task.settings, changes), 0))
 
 
 def steps(agent, folder, policy="serp"):

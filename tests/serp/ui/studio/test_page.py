@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from tests.serp.ui.studio.browser import CHROMIUM, chromium, served
+from tests.worlds import DOMAINS
 
 pytest.importorskip("playwright")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-ROOT = Path(__file__).resolve().parents[4]
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Opened:
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory):
     folder = tmp_path_factory.mktemp("studio")
-    text = (ROOT / "domains" / "hill.pddl").read_text()
+    text = (DOMAINS / "hill.pddl").read_text()
     (folder / "hill.pddl").write_text(text)
     with (
         served("hill.pddl", folder) as address,

@@ -1,22 +1,14 @@
 """Counted outcomes: what chance does to predicates and whole numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from serp.agent.causes import causes_of
 from serp.errors import RunError
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.learned.adaptation import ModelAdaptation
-from serp.settings import AdaptationSettings
-from tests.serp.model.learned.rolls import from_text
+from tests.serp.model.learned import worlds
 from tests.serp.model.learned.worlds import GRID, adapted
 from tests.worlds import text
-
-
-def adaptation_of(model):
-    return ModelAdaptation(model, AdaptationSettings(mode="residual"), np.random.SeedSequence(3))
 
 
 def slip(adaptation, count, wet_slips=False):
@@ -42,7 +34,7 @@ def shared(adaptation):
 
 
 def test_the_likeliest_outcome_follows_and_the_reward_is_expected():
-    adaptation = adaptation_of(from_text(GRID).model)
+    adaptation = worlds.adaptation(GRID, seed=3)
     slip(adaptation, 600)
     # Where nobody has ever been: what is known elsewhere holds here.
     state, reward, _ = prediction(adaptation, 0.0, 0.0, 40.0)
@@ -60,7 +52,7 @@ def test_the_likeliest_outcome_follows_and_the_reward_is_expected():
 
 
 def test_a_context_that_matters_is_told_apart():
-    adaptation = adaptation_of(from_text(GRID).model)
+    adaptation = worlds.adaptation(GRID, seed=3)
     slip(adaptation, 300, wet_slips=True)
     wet, _, _ = prediction(adaptation, 1.0, 0.0, 1.0)
     dry, _, flags = prediction(adaptation, 0.0, 2.0, 1.0)
@@ -70,7 +62,7 @@ def test_a_context_that_matters_is_told_apart():
 
 
 def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residual():
-    fractions, many = (adaptation_of(from_text(GRID).model) for _ in range(2))
+    fractions, many = (worlds.adaptation(GRID, seed=3) for _ in range(2))
     random = np.random.default_rng(2)
     for _ in range(400):
         state = np.array([0.0, *random.normal(size=2)])
@@ -86,7 +78,7 @@ def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residu
 
 
 def test_a_world_that_changes_is_followed():
-    adaptation = adaptation_of(from_text(GRID).model)
+    adaptation = worlds.adaptation(GRID, seed=3)
     slip(adaptation, 400)
     random = np.random.default_rng(3)
     for _ in range(3_000):  # the ground has dried
@@ -116,7 +108,7 @@ def somewhere(random):
 
 def chances(adaptation, state, action):
     """Return the probability of each next state."""
-    found: dict[tuple[float, ...], float] = {}
+    found = {}
     for row in adapted(adaptation).core.outcomes(state, action):
         after = tuple(row[: len(state)].tolist())
         found[after] = found.get(after, 0.0) + row[-1]
@@ -126,7 +118,7 @@ def chances(adaptation, state, action):
 
 def test_who_slips_does_what_the_file_says_of_another_action():
     """Walls and holes of the file hold for slips, too, also where nobody has ever been."""
-    adaptation = adaptation_of(from_text(LAKE).model)
+    adaptation = worlds.adaptation(LAKE, seed=3)
     random = np.random.default_rng(5)
     for _ in range(900):
         state = somewhere(random)
@@ -139,7 +131,7 @@ def test_who_slips_does_what_the_file_says_of_another_action():
         adaptation.observe(state, LEFT, seen, over)
     for row, column in ((0, 0), (4, 0), (4, 3), (1, 2), (2, 3), (4, 4), (0, 4)):
         state = np.array([0.0, row, column])
-        expected: dict[tuple[float, ...], float] = {}
+        expected = {}
         for direction in (LEFT, UP, DOWN):
             there = tuple(moved(state, direction).tolist())
             expected[there] = expected.get(there, 0.0) + 1 / 3
@@ -147,7 +139,7 @@ def test_who_slips_does_what_the_file_says_of_another_action():
 
 
 def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice():
-    adaptation = adaptation_of(from_text(LAKE).model)
+    adaptation = worlds.adaptation(LAKE, seed=3)
     random = np.random.default_rng(6)
     wall = [(row, 1.0) for row in (0.0, 1.0, 3.0)]
     for step in range(300):
@@ -164,8 +156,7 @@ def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twi
 
 
 def test_damaged_counts_are_refused():
-    model = from_text(GRID).model
-    adaptation = adaptation_of(model)
+    adaptation = worlds.adaptation(GRID, seed=3)
     slip(adaptation, 100)
     arrays, meta = adaptation.state_dict()
     (prefix,) = [name.removesuffix("codes") for name in arrays if name.endswith(".codes")
@@ -191,11 +182,11 @@ def test_damaged_counts_are_refused():
         ("context", np.array([-1])),
     ):
         with pytest.raises(RunError, match="damaged"):
-            adaptation_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
+            worlds.adaptation(GRID).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
     part = meta[prefix.removesuffix(".")]
     for name, number in (("kinds", 13), ("kinds", 0), ("sets", 65), ("rows", 2049), ("rows", -1)):
         with pytest.raises(RunError, match="damaged"):
             damaged = {**meta, prefix.removesuffix("."): {**part, name: number}}
-            adaptation_of(model).load_state_dict(arrays, damaged)
+            worlds.adaptation(GRID).load_state_dict(arrays, damaged)
     with pytest.raises(RunError):
-        adaptation_of(model).load_state_dict({}, meta)
+        worlds.adaptation(GRID).load_state_dict({}, meta)

@@ -1,15 +1,10 @@
 """What is learned of one-step errors, seen in what the adapted model predicts."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.model.learned.worlds import (
     FLEET,
@@ -23,8 +18,6 @@ from tests.serp.model.learned.worlds import (
     teach,
 )
 
-World = Callable[[Vector, int], Vector]
-Draw = Callable[[np.random.Generator], Vector]
 PUSH, REST = 0, 1
 
 
@@ -48,8 +41,7 @@ def typical(of, world, draw=None):
     rng = np.random.default_rng(99)
     states = [any_state(of.model, rng) if draw is None else draw(rng) for _ in range(200)]
     errors = [error(of, state, a, world(state, a)) for state in states for a in (PUSH, REST)]
-    rmse: Vector = np.sqrt(np.square(errors).mean(axis=0))
-    return rmse
+    return np.sqrt(np.square(errors).mean(axis=0))
 
 
 def uncertainty(of, state):
@@ -186,7 +178,7 @@ def test_whatever_happens_the_file_does_hardly_better(seed, outliers):
 
     def world(state, action):
         off = weights @ state + bend * np.sin(3.0 * state) + noise * rng.normal(size=2)
-        after: Vector = as_written(state, action) + off
+        after = as_written(state, action) + off
         if outliers and rng.random() < 0.01:
             after[rng.integers(2)] += 1000.0 * rng.normal()
         return after
