@@ -3,7 +3,7 @@
 The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, because safetensors
 writes several in no fixed order. That is the text of a JSON object::
 
-    {"format": 7, "sha256": "<digest of the content>", "meta": "<text of a JSON object>"}
+    {"format": 14, "sha256": "<digest of the content>", "meta": "<text of a JSON object>"}
 
 Numbers in ``meta`` stay exact: integers of any size (a PCG64 state has 128 bits), and NaN and the
 infinities, which are written as Python's `json` writes them. What cannot be read or written is a

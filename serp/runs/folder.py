@@ -24,11 +24,7 @@ from typing import Final
 
 from filelock import FileLock, Timeout
 
-from serp._util.files import (
-    cannot_write,
-    refuse_hard_link,
-    require_regular,
-)
+from serp._util.files import aside_of, cannot_write, refuse_hard_link, require_regular
 from serp.errors import RunError
 from serp.runs.run_config import CONFIG
 
@@ -99,7 +95,7 @@ def refuse_occupied(path: Path) -> None:
     """Raise a RunError if a new run cannot have a folder, because there is something in it.
 
     What a run left that was stopped before its beginning is ignored. Its lock file shows that the
-    folder is its own: without it, a domain.pddl may be the user's.
+    other files are its own: without it, a domain.pddl may be the user's.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")
@@ -114,7 +110,7 @@ def refuse_occupied(path: Path) -> None:
             f"{path} already holds a run. Continue it with --resume, or give another folder with "
             "--out. Nothing was changed."
         )
-    if names and LOCK not in names:
+    if names and not (LOCK in names and names <= _LEFT):
         raise RunError(
             f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
         )
@@ -125,3 +121,5 @@ DECISIONS: Final = "decisions.csv"
 SUMMARY: Final = "summary.json"
 COPIES: Final = ("domain.pddl", "problem.pddl")
 """Names of the copies of the domain file and, if there is one, of its problem file."""
+_LEFT: Final = {LOCK, *COPIES, *(aside_of(Path(name)).name for name in (*COPIES, CONFIG))}
+"""What a run may leave that is stopped before its beginning: `CONFIG` is written last."""

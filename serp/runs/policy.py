@@ -80,6 +80,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         write_durably(folder / NETWORK, agent.learner.as_onnx())
     whole = {
         "agent": meta,
+        "env_steps": run.env_steps,
         "environments": run.checkpoint.meta["environments"],
         "made_of": Run(folder).digests(),
     }

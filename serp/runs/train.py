@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+from serp._util.files import read_regular
 from serp._util.numbers import seed_of
 from serp._util.processes import one_thread
 from serp.agent.agent import account_of
@@ -30,7 +31,6 @@ from serp.runs.results import write_results
 from serp.runs.run import Run
 from serp.runs.run_config import Budget
 from serp.runs.run_log import RunLog
-from serp.runs.tables import read_metrics
 from serp.runs.trainer import Callbacks, OnEpisode, Trainer
 from serp.settings import entries, resolve
 from serp.tasks.registry import find_task
@@ -121,9 +121,12 @@ def stop_between_episodes() -> Iterator[Stopping]:
 
 def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
     """Restore the checkpoint, if there is one; return the budget of the run."""
+    if "policy" in run.config:
+        raise RunError(f"{run.path} is an exported policy; continue the run that it was made of")
     metrics = run.path / METRICS
-    # A run without a checkpoint and without an episode was stopped before it began.
-    if run.has_checkpoint or (metrics.exists() and len(read_metrics(metrics)["episode"])):
+    # A run without a checkpoint and without an episode was stopped before it began, perhaps before
+    # the table had its header.
+    if run.has_checkpoint or (metrics.exists() and read_regular(metrics).count(b"\n") > 1):
         saved = run.read_checkpoint()
         with run.reading(saved) as values:
             trainer.load_state_dict(*saved)

@@ -98,7 +98,7 @@ class Player:
         if not line or line.startswith((";", "#")):
             return True
         if command:
-            self._command(command[1], int(command[2] or 1))
+            self._command(command[1], _count(command[2]))
         elif line.startswith("save "):
             show(self._save(line.removeprefix("save ")))
         elif "=" in line:
@@ -107,7 +107,7 @@ class Player:
         else:
             times = re.fullmatch(r"(?P<action>.+?) ?\* ?(?P<count>\d+)", line)
             action = self._find(times["action"] if times else line)
-            self._repeat(lambda: action, int(times["count"]) if times else 1)
+            self._repeat(lambda: action, _count(times["count"] if times else None))
         return True
 
     def _command(self, what: str, count: int) -> None:
@@ -239,6 +239,14 @@ class Player:
             show(f"   {line_of_run([[cause]])}", style=style)
         if moment.over:
             show("The episode is over. r: restart, u: undo", style="bold")
+
+
+def _count(text: str | None) -> int:
+    most = 10_000
+    count = 1 if text is None else int(text[:9])
+    if not 0 < count <= most:
+        raise SerpError(f"expected a number from 1 to {most:,}, not {text}")
+    return count
 
 
 def _rows(change: FluentChange) -> list[tuple[str, str, str]]:

@@ -250,9 +250,12 @@ def compare(task: Task | str, **options: Any) -> Comparison:
     request = CompareSettings(**options)
     with find_task(task).bind() as bound:
         folder = request.out or default_path(f"compare-{bound.name}")
-        plan = _planned(read_plan(folder), bound, request)
+        before = read_plan(folder)
+        plan = _planned(before, bound, request)
         jobs = _jobs(folder, plan, bound)
     with locked(folder, _PLAN):
+        if read_plan(folder) != before:
+            raise RunError(f"another process has changed {folder} just now. Try again.")
         make_inside(folder, "trials")
         write_durably(folder / _PLAN, plan.model_dump_json(indent=1))
         missing = [job for job in jobs if not job.complete]

@@ -26,7 +26,7 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 from pydantic import Field, NonNegativeInt, PositiveInt, field_validator, model_validator
 
@@ -97,6 +97,12 @@ class TrialsRequest(Section):
         if not seeds:
             raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
+
+    @model_validator(mode="after")
+    def _address_is_of_a_cluster(self) -> Self:
+        if self.engine == LOCAL and self.address is not None:
+            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+        return self
 
 
 class Ended(NamedTuple):

@@ -418,9 +418,11 @@ def read_evaluations(folder: Path) -> Columns:
     file = folder / EVALUATIONS
     if not file.is_file():
         return {}
-    texts = ("policy", "outcome")
+    texts, needed = ("policy", "outcome"), {"env_steps", "policy", "return"}
     try:
         rows = list(csv.DictReader(io.StringIO(read_regular(file).decode())))
+        if rows and (missing := needed - rows[0].keys()):
+            raise ValueError(f"it has no column {missing.pop()}")
         return {
             name: np.array(
                 [row[name] if name in texts else float(row[name] or "nan") for row in rows],
@@ -453,12 +455,23 @@ class Record:
 
 
 def read_trial(job: Job) -> Record:
-    """Return a complete trial."""
-    metrics = read_metrics(job.folder / METRICS)
-    within = metrics["env_steps"] <= job.protocol.env_steps
+    """Return a complete trial.
+
+    Raises:
+        RunError: A file of it is damaged, or evaluations are missing.
+    """
+    metrics, protocol = read_metrics(job.folder / METRICS), job.protocol
+    within = metrics["env_steps"] <= protocol.env_steps
+    evaluations = read_evaluations(job.folder)
+    made = {*evaluations["env_steps"][evaluations["policy"] == "learner"].tolist()}
+    if made != (set() if job.algorithm.kind == "planner" else protocol.points(protocol.env_steps)):
+        raise RunError(
+            f"{job.folder / EVALUATIONS} has not the evaluations of this comparison. Remove the "
+            "folder of this trial to run it again."
+        )
     return Record(
         job.trial,
         {name: column[within] for name, column in metrics.items()},
-        read_evaluations(job.folder),
+        evaluations,
         Run(job.folder).metadata["versions"],
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import codecs
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -14,9 +13,6 @@ from serp.errors import SerpError, needs_extra
 from serp.ui.options import asked_own_task, command, own_task_option
 from serp.ui.output import print_difference, print_next, show
 from serp.ui.root import say
-
-if TYPE_CHECKING:
-    pass
 
 
 @command(

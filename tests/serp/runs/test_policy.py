@@ -19,6 +19,7 @@ import serp
 from serp.errors import RunError
 from serp.runs import checkpoint
 from serp.runs.checkpoint import CHECKPOINT
+from serp.runs.diagnosis.diagnosis import diagnose
 from serp.runs.evaluation import play
 from serp.runs.run import Run
 from serp.runs.run_config import CONFIG
@@ -60,6 +61,9 @@ def test_what_a_run_plays_is_decided_alike(run, tmp_path):
 def test_an_exported_policy_is_evaluated_as_the_run_is(cartpole_run, cartpole):
     exported = serp.load_run(cartpole)
     assert exported.evaluate(episodes=3).returns == cartpole_run.evaluate(episodes=3).returns
+    assert diagnose(cartpole).verdict == diagnose(cartpole_run.path).verdict
+    with pytest.raises(RunError, match="is an exported policy"):
+        serp.plan_and_learn("cartpole", out=cartpole, resume=True)
 
 
 def test_equal_runs_are_exported_to_equal_folders(run, tmp_path):

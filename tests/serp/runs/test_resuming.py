@@ -15,6 +15,7 @@ import pytest
 from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.recording import Recorder
+from serp.runs.tables import METRICS_COLUMNS
 from serp.runs.train import plan_and_learn
 from tests.serp.runs.runs import EPISODES, everything, resume, train
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
@@ -135,6 +136,19 @@ def test_a_finished_run_has_nothing_left_to_do_and_keeps_its_checkpoint(tmp_path
     kept = (out / CHECKPOINT).read_bytes()
     assert (resume(corridor(tmp_path), out).metrics["env_steps"] == steps).all()
     assert (out / CHECKPOINT).read_bytes() == kept
+
+
+@pytest.mark.parametrize("length", [None, 0, 9, -1])
+def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(tmp_path, length, whole):
+    out = tmp_path / "run"
+    train(corridor(tmp_path), out, episodes=1)
+    for file in out.iterdir():
+        if file.name in (CHECKPOINT, "decisions.csv", "metrics.csv"):
+            file.unlink()
+    if length is not None:
+        (out / "metrics.csv").write_text(f"{','.join(METRICS_COLUMNS)}\n\n"[:length])
+    resume(corridor(tmp_path), out, episodes=EPISODES)
+    assert everything(out)[1] == whole("default")[1]
 
 
 def test_environment_and_events_are_closed_however_a_training_ends(tmp_path, monkeypatch):

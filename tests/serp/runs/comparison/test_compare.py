@@ -172,6 +172,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["dqn:x"]}, SettingsError, "x: expected section.name=value"),
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
+        ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
         ({"task": 3}, TaskError, "not 3"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
         ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
@@ -198,6 +199,28 @@ def test_mistakes_leave_nothing_behind(
     with pytest.raises(kind, match=message):
         compare(**{**given, **options})
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("old", "new"), [("\n30,learner", "\n30,other"), ("return", "ret")])
+def test_a_damaged_evaluation_is_reported(copy, old, new):
+    file = copy / "c" / "trials" / "serp-0" / "evaluations.csv"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    with pytest.raises(RunError, match=r"evaluations\.csv .*Remove the folder of this trial"):
+        again(copy, report=True)
+
+
+def test_another_process_that_changes_the_plan_meanwhile_is_noticed(copy, monkeypatch):
+    def changed(*arguments):
+        plan.write_text(plan.read_text().replace('"dqn"', '"mrp"'))
+        return []
+
+    plan = copy / "c" / "plan.json"
+    monkeypatch.setattr("serp.runs.comparison.compare._jobs", changed)
+    with pytest.raises(RunError, match="another process has changed"):
+        again(copy)
+    assert '"mrp"' in plan.read_text()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links are privileged there")

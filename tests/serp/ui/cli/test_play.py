@@ -25,6 +25,9 @@ def test_a_world_slips_and_mistakes_have_a_line(walk):
     shown = typed("field = 3", "walk.pddl", expect=1)
     assert "line 1: change: unknown fluent `field`" in shown
     assert "line 2: there is no action or command `gp`" in typed("s\ngp", "walk.pddl", expect=1)
+    for line in ("u 99999999999", "p 0", "1 * 10001"):
+        shown = typed(line, "walk.pddl", expect=1)
+        assert "line 1: expected a number from 1 to 10,000, not " in shown
 
 
 def test_a_situation_is_saved_as_a_scenario_that_holds(run, walk):
