@@ -60,6 +60,12 @@ def test_each_number_that_is_saved_is_checked():
                 assert np.isfinite(part.linear).all()
         of.load_state_dict(saved, meta)
     assert bits(of) == before
+    for name in ("features", "known"):
+        for number in (-1, 1, 2**45):
+            with pytest.raises(RunError, match=name if number != 1 else "columns|features"):
+                forged = {**meta, "residual0": {**meta["residual0"], name: number}}
+                of.load_state_dict(saved, forged)
+    of.load_state_dict(saved, meta)
     for name in saved:
         with pytest.raises(RunError):
             of.load_state_dict({key: array for key, array in saved.items() if key != name}, meta)
