@@ -5,7 +5,7 @@ apply where the constants do not refute its precondition; what it changes is fre
 least fixed point is found without trying every binding: positive atoms of a precondition are
 joined, and a fact that becomes possible is joined with those known before it (semi-naive
 evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
-Artificial Intelligence 173, 2009, section 6). Constants that refute negated atoms are watched; other
+Artificial Intelligence 173, 2009, section 6). Constants that refute a literal are watched; other
 conditions are tried again as long as constants become free.
 
 Consider the states that agree with the initial state on everything that is not free. No step leaves
@@ -353,8 +353,8 @@ class _Reachability:
             if self._possible(condition, item.binding, True):
                 continue
             match condition:
-                case x.Atom(name, arguments) | x.Connective("not", (x.Atom(name, arguments),)):
-                    key = key_of(name, arguments, item.binding)
+                case x.Atom(name, terms) | x.Connective("not", (x.Atom(name, terms),)):
+                    key = key_of(name, terms, item.binding)
                     self.watched.setdefault(key, []).append(item)
                 case _:
                     self.barred.append(item)

@@ -190,7 +190,7 @@ class OutcomeCounts:
 
 
 _SIZES: Final = {"kinds": "schemas", "sets": "members", "rows": "codes"}
-"""Numbers of outcomes, sets and rows of counts in use, each with an array that has room for most."""
+"""Numbers of outcomes, sets and rows in use, each with an array that has room for all there are."""
 # Probabilities are counts divided by totals, and shares of evidence and trust.
 _BOUNDS: Final = {"scores": (), "changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
 """Least and largest values of the arrays of a table, of others 0 and `MOST`."""
