@@ -5,8 +5,8 @@ apply where the constants do not refute its precondition; what it changes is fre
 least fixed point is found without trying every binding: positive atoms of a precondition are
 joined, and a fact that becomes possible is joined with those known before it (semi-naive
 evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
-Artificial Intelligence 173, 2009, section 6). Other conditions are tried again as long as constants
-become free.
+Artificial Intelligence 173, 2009, section 6). Constants that refute a literal are watched; other
+conditions are tried again as long as constants become free.
 
 Consider the states that agree with the initial state on everything that is not free. No step leaves
 them, and on them the smaller model is exact. Comparisons of numbers refute nothing, because the
@@ -230,6 +230,7 @@ class _Reachability:
         self.any_effect_counts = any(map(_calculates, facts.domain.schemas))
         self.possible: set[Key] = set()
         self.index: dict[tuple[str, int, str], list[Key]] = {}
+        self.watched: dict[Key, list[_Item]] = {}
         self.barred: list[_Item] = []
         self.freed: deque[Key] = deque()
 
@@ -240,7 +241,10 @@ class _Reachability:
             self._join(rule, {}, rule.atoms)
         while self.freed:
             while self.freed:
-                self._join_with(self.freed.popleft())
+                key = self.freed.popleft()
+                self._join_with(key)
+                for item in self.watched.pop(key, ()):
+                    self._try(item)
             barred, self.barred = self.barred, []
             for item in barred:
                 self._try(item)
@@ -340,9 +344,20 @@ class _Reachability:
     # Applying ----------------------------------------------------------------------------------
 
     def _try(self, item: _Item) -> None:
-        """Apply effects if their conditions can hold; else keep them, to be tried again."""
-        if not all(self._possible(condition, item.binding, True) for condition in item.conditions):
-            self.barred.append(item)
+        """Apply effects if their conditions can hold; else keep them, to be tried again.
+
+        What a literal bars waits for its constant. Other conditions are tried whenever constants
+        become free.
+        """
+        for condition in item.conditions:
+            if self._possible(condition, item.binding, True):
+                continue
+            match condition:
+                case x.Atom(name, terms) | x.Connective("not", (x.Atom(name, terms),)):
+                    key = key_of(name, terms, item.binding)
+                    self.watched.setdefault(key, []).append(item)
+                case _:
+                    self.barred.append(item)
             return
         if item.rule is not None:
             self.facts.count_instance(item.rule.schema)

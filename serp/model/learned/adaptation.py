@@ -158,7 +158,7 @@ class GroupLearners:
 
     def restore(self, whole: NDArray[np.bool_]) -> None:
         """Restore which fluents have always been whole numbers `[F]`, after the parts."""
-        self.whole[:] = whole
+        self.whole[:] = whole.view(np.uint8) != 0  # a saved truth value may have any bits
         for key, counts in self._counts.items():
             counts.publish(self._model.shared[key])
 

@@ -561,6 +561,7 @@ std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
     SameArguments same;
     same.schemas = static_cast<int>(others.shape(1));
     for (std::size_t k = 0; k < others.size(); ++k) {
+        require(std::in_range<int>(others.data()[k]), "there is no such other action");
         same.action.push_back(static_cast<int>(others.data()[k]));
     }
     std::vector<std::vector<FeatureGroup>> of_actions;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
 #include <limits>
 #include <stdexcept>
@@ -458,7 +457,7 @@ using Positions = In<std::int64_t, nb::ndim<1>>;
 std::vector<int> integers(const Positions& numbers) {
     std::vector<int> result;
     for (std::size_t i = 0; i < numbers.size(); ++i) {
-        require(std::abs(numbers.data()[i]) <= 1 << 30, "there are numbers that are too large");
+        require(std::in_range<int>(numbers.data()[i]), "there are numbers that are too large");
         result.push_back(static_cast<int>(numbers.data()[i]));
     }
     return result;

@@ -176,7 +176,8 @@ class OutcomeCounts:
         try:
             table = OutcomeTable(places, context)
             if saved.has("kinds"):
-                sizes = {name: saved.whole(name) for name in _SIZES}
+                most = {name: len(getattr(table, of)) for name, of in _SIZES.items()}
+                sizes = {name: saved.whole(name, 1, most[name]) for name in _SIZES}
                 bounds = {**_BOUNDS, "schemas": (_CHANGE, self._schemas - 1)}
                 for name, own in _arrays(table, **sizes).items():
                     own[:] = saved.array(name, own.dtype, own.shape, *bounds.get(name, (0.0, MOST)))
@@ -188,7 +189,8 @@ class OutcomeCounts:
         self.samples, self._strays, self._given_up = samples, strays, given_up
 
 
-_SIZES: Final = "kinds", "sets", "rows"
+_SIZES: Final = {"kinds": "schemas", "sets": "members", "rows": "codes"}
+"""Numbers of outcomes, sets and rows in use, each with an array that has room for all there are."""
 # Probabilities are counts divided by totals, and shares of evidence and trust.
 _BOUNDS: Final = {"scores": (), "changes": (), "trust": (_LEAST, MOST), "evidence": (_LEAST,)}
 """Least and largest values of the arrays of a table, of others 0 and `MOST`."""

@@ -256,6 +256,8 @@ class ParameterEstimator:
                     blocks=rows.blocks,
                     unit=rows.unit,
                 )
+                if not np.isfinite(fit.coefficients).all():  # the numbers are too large
+                    continue
                 if symbol in whole and not _is_deterministic(fit, columns, rows.unit):
                     continue
                 theta[owned] = fit.coefficients

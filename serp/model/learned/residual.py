@@ -306,7 +306,8 @@ class ResidualRegression:
         for name, value in counts.items():
             setattr(samples, name, value)
         try:
-            p.features, p.known = saved.whole("features"), saved.whole("known")
+            p.features = saved.whole("features", 0, r.FEATURES)
+            p.known = saved.whole("known", 0, p.columns + r.SMOOTH)
         except ValueError as error:
             raise saved.wrong(str(error)) from None
         p.kinds = saved.array("kinds", np.int64, p.kinds.shape, r.FILE, r.FULL)

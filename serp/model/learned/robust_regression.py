@@ -91,12 +91,14 @@ def independent(columns: Vector, width: Vector) -> list[int]:
     """Return a maximal set of linearly independent columns `[n, K]`, chosen by size.
 
     Of two parameters that are multiplied with each other, for example, only one can be estimated.
+    Columns whose numbers are too large to calculate with are left out.
     """
     if not columns.size:
         return []
     from scipy.linalg import qr
 
     scaled = columns * width
+    scaled[:, ~np.isfinite(np.linalg.norm(scaled, axis=0))] = 0.0
     triangle, order = qr(scaled, mode="r", pivoting=True)
     sizes, norms = np.abs(np.diag(triangle)), np.linalg.norm(scaled, axis=0)[order]
     return sorted(order[: len(sizes)][sizes > _COLLINEAR * norms[: len(sizes)]].tolist())

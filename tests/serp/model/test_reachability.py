@@ -1,5 +1,6 @@
 """What a problem's initial state leads to, and what is left out because nothing leads to it."""
 
+import itertools
 from random import Random
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given
 
 from serp.model.ground_model import writes
+from serp.model.reachability import Facts
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError
 from tests.generated import Texts, examples, load_texts, models_with_states
@@ -40,6 +42,22 @@ def test_a_number_that_is_missing_starts_at_0_with_a_warning():
     assert warning.text == "`cost` starts at 0, because :init gives no value"
     stated = load_texts(Texts(LIFT, FLOORS.format("(= (time f0 f3) 6) (= (cost) 2)")))
     assert stated.model.initial_state is not None and not stated.warnings
+
+
+def test_a_chain_of_deletions_is_followed_link_by_link(monkeypatch):
+    """However the links are ordered, the effort grows with their number, not with its square."""
+    asked = []
+    varies = Facts.varies
+    monkeypatch.setattr(Facts, "varies", lambda facts, key: asked.append(key) or varies(facts, key))
+    links = 400
+    domain = """(define (domain doors) (:predicates (beside ?a ?b) (shut ?a))
+      (:action open :parameters (?a ?b)
+        :precondition (and (beside ?a ?b) (not (shut ?a))) :effect (not (shut ?b))))"""
+    doors = [f"d{k:03}" for k in range(links + 1)]
+    beside = " ".join(f"(beside {a} {b}) (shut {b})" for b, a in itertools.pairwise(doors))
+    problem = f"(define (problem p) (:domain doors) (:objects {' '.join(doors)}) (:init {beside}))"
+    assert len(load_texts(Texts(domain, problem)).model.actions) == links
+    assert len(asked) < 20 * links
 
 
 @pytest.mark.parametrize(

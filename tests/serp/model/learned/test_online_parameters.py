@@ -64,3 +64,16 @@ def test_what_is_written_as_nothing_may_be_estimated_either_way(truth):
     experience = observed(256, lambda _: (truth + 0.3 * rng.standard_normal(), 0.2))
     near, _ = adopted(experience, WALK.replace("(near) 0.4", "(near) 0.0"))
     assert near == pytest.approx(-truth, abs=0.1)
+
+
+def test_a_range_too_large_to_calculate_with_does_no_harm():
+    """One object is where the numbers end, and the other one moves by little."""
+    text = """(define (domain apart) (:constants there here) (:functions (at ?x) (speed))
+      (:action step :parameters () :effect (increase (at here) (* 0.4 (speed)))))"""
+    rng = np.random.default_rng(5)
+    experience = TransitionMemory(64, 3, 9)
+    for _ in range(64):
+        state, change = rng.normal(size=(2, 3)) * (1e307, 1.0, 1e-3)
+        experience.add(state, 0, state + change, False)
+    with np.errstate(all="ignore"):
+        assert adopted(experience, text).tolist() == [0.4]

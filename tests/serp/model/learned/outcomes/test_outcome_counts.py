@@ -188,5 +188,11 @@ def test_damaged_counts_are_refused():
         with pytest.raises(RunError, match="damaged"):
             damaged = {**meta, prefix.removesuffix("."): {**part, name: number}}
             worlds.adaptation(GRID).load_state_dict(arrays, damaged)
+    # All that there is room for, and a number that no array could have.
+    columns = arrays[f"{prefix}changes"].shape[1]
+    full = {f"{prefix}schemas": np.full(12, -1), f"{prefix}changes": np.zeros((12, columns))}
+    with pytest.raises(RunError, match="kinds"):
+        damaged = {**meta, prefix.removesuffix("."): {**part, "kinds": 2**45}}
+        worlds.adaptation(GRID).load_state_dict({**arrays, **full}, damaged)
     with pytest.raises(RunError):
         worlds.adaptation(GRID).load_state_dict({}, meta)
