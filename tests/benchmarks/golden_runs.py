@@ -68,7 +68,7 @@ def record(folder: Path) -> None:
             for name in ("metrics.csv", "decisions.csv"):
                 write(f"{run.name}-{name}", table(run / name))
         run, repaired = folder / f"{task}-default", folder / f"{task}.pddl"
-        for policy in ("serp", "planner", "learner", "training"):
+        for policy in ("serp", "planner", "learner"):
             arguments = ("--policy", policy, "--episodes", 3, "--json")
             write(f"{task}-evaluate-{policy}", serp("evaluate", run, *arguments))
         serp("repair", run, "-o", repaired)

@@ -60,30 +60,21 @@ def settings_of(random: Random) -> Settings:
     return resolve(chance(("default", "paper")), None, changes)
 
 
-class Judge:
-    """Judges executed actions by the file as written, read independently."""
+def judge(generated: Generated, dt: float, step: Any) -> Counter[str]:
+    """Return counts of a step: whether it was flagged, and whether another action was not."""
+    names = [action.name for action in generated.model.actions]
+    state = generated.spelled(step.state)
 
-    def __init__(self, generated: Generated, dt: float) -> None:
-        self.generated, self.dt = generated, dt
-        self.names = [action.name for action in generated.model.actions]
-        self.counts: Counter[str] = Counter()
-
-    def __call__(self, step: Any) -> None:
-        """Count a step, and whether it was flagged while another action was not."""
-        self.counts["decisions"] += 1
-        executed = self.names[int(step.decision.forecast.ground[step.decision.action])]
-        state = self.generated.spelled(step.state)
-        if not self.flagged(state, executed):
-            return
-        self.counts["flagged"] += 1
-        others = (name for name in self.names if name != executed)
-        if any(self.flagged(state, name) is False for name in others):
-            self.counts["violations"] += 1
-
-    def flagged(self, state: Any, action: str) -> bool | None:
+    def flagged(action: str) -> bool | None:
         """Return whether the file flags an action; None where it has no result."""
-        prediction = self.generated.oracle.step(state, action, self.dt)
+        prediction = generated.oracle.step(state, action, dt)
         return prediction.unsafe if prediction.applicable else None
+
+    executed = names[int(step.decision.forecast.ground[step.decision.action])]
+    if not flagged(executed):
+        return Counter(decisions=1)
+    avoidable = any(flagged(name) is False for name in names if name != executed)
+    return Counter(decisions=1, flagged=1, violations=avoidable)
 
 
 def soak(number: int) -> Counter[str]:
@@ -106,15 +97,15 @@ def soak(number: int) -> Counter[str]:
             noise=random.choice((0.0, 0.2)), max_steps=40,
         )  # fmt: skip
         with world_task(domain, options, dt).bind() as bound:
-            judge = Judge(Generated(texts, domain.closed()), dt)
+            world, counts = Generated(texts, domain.closed()), Counter(worlds=1)
             with Trainer(bound, settings_of(random), number) as trainer, np.errstate(all="ignore"):
-                trainer.on_step = judge
+                trainer.on_step = lambda step: counts.update(judge(world, dt, step))
                 while trainer.env_steps < STEPS:
                     for _ in trainer.run():
                         pass
     except SerpError as error:  # a world without result, or one that cannot be trained in
         return Counter({f"refused: {type(error).__name__}": 1})
-    return judge.counts + Counter(worlds=1)
+    return counts
 
 
 def main() -> int:

@@ -1,7 +1,7 @@
 """Ordinary PDDL problems, replanned in the file's world: how many goals are reached, and how fast.
 
     python tests/benchmarks/study_pddl.py [FOLDER ...] [--planner far-sight] [--each 1]
-        [--steps 200] [--seconds 120] [--only WORD] [--examples] [section.key=value ...]
+        [--steps 200] [--seconds 120] [--examples]
 
 The problems are those of the folders, the first `--each` of every domain (`domain.pddl` beside
 `task01.pddl`, `domain01.pddl` beside `task01.pddl`, `d.pddl` beside `p.pddl`, as pyperplan's and
@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 from serp.agent.registry import make_planner
 from serp.errors import SerpError
 from serp.model.domain import load_domain
-from serp.settings import resolve
+from serp.settings import PlannerSettings
 
 
 class Result(NamedTuple):
@@ -79,7 +79,7 @@ def written_examples(folder: Path) -> Iterator[tuple[str, Path, Path]]:
         yield f"up/{name}", domain, file
 
 
-def play(domain: Path, problem: Path, planner: str, changes: Any, steps: int, into: Any) -> None:
+def play(domain: Path, problem: Path, planner: str, steps: int, into: Any) -> None:
     """Solve one problem and send the result."""
     warnings.simplefilter("ignore")
     try:
@@ -88,8 +88,7 @@ def play(domain: Path, problem: Path, planner: str, changes: Any, steps: int, in
         if model.ground.goal is None:
             into.send(Result("refused: no goal"))
             return
-        settings = resolve("default", {}, changes).planner.replace(name=planner)
-        decide = make_planner(model, settings)
+        decide = make_planner(model, PlannerSettings(name=planner))
         state = model.initial_state
         loading, seconds, ending = perf_counter() - start, [], "lost"
         for _ in range(steps):
@@ -131,36 +130,22 @@ def solve(arguments: tuple[Any, ...], limit: float) -> Result:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("given", nargs="*", help="folders, and settings as section.key=value")
+    parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--planner", default="far-sight")
     parser.add_argument("--each", type=int, default=1)
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--only", default="")
     parser.add_argument("--examples", action="store_true", help="those of unified-planning, too")
-    options = parser.parse_intermixed_args()
-    changes: dict[str, dict[str, Any]] = {}
-    for word in options.given:
-        if "=" in word:
-            key, value = word.split("=")
-            section, name = key.split(".")
-            changes.setdefault(section, {})[name] = float(value) if "." in value else int(value)
+    options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         problems = [
-            found
-            for word in options.given
-            if "=" not in word
-            for found in problems_in(Path(word), options.each)
+            found for place in options.folders for found in problems_in(place, options.each)
         ]
         if options.examples:
             problems += written_examples(Path(folder))
         reached = tried = 0
         for name, domain, problem in problems:
-            if options.only not in name:
-                continue
-            result = solve(
-                (domain, problem, options.planner, changes, options.steps), options.seconds
-            )
+            result = solve((domain, problem, options.planner, options.steps), options.seconds)
             loading, first, others = result[4:]
             if not result.ending.startswith("refused"):
                 tried += 1

@@ -10,12 +10,9 @@ learned from. The first table counts all of them, the second one the newest fift
 from __future__ import annotations
 
 import argparse
-from itertools import pairwise
 from pathlib import Path
-from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, going_on
 from serp.model.learned.adaptation import ModelAdaptation
@@ -23,9 +20,6 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
 from serp.runs.run import Run
 from serp.settings import AdaptationSettings
-
-BINS: Final = (0.0, 0.05, 0.2, 0.5, 0.8, 1.0)
-"""Limits of the predicted chances of an end that are compared with how often it came."""
 
 
 def replayed(
@@ -69,18 +63,6 @@ def table(seen: Vector, predicted: Vector) -> str:
     return "\n".join(lines)
 
 
-def reliability(chance: Vector, ended: Vector) -> str:
-    """Return a table of how often an end came where it had a chance between two limits."""
-    lines = ["| predicted chance of an end | steps | mean chance | ends |", "|---|---|---|---|"]
-    place: NDArray[np.intp] = np.clip(np.searchsorted(BINS, chance, "right") - 1, 0, len(BINS) - 2)
-    for k, (low, high) in enumerate(pairwise(BINS)):
-        own = place == k
-        if own.any():
-            said, came = chance[own].mean(), ended[own].mean()
-            lines.append(f"| {low:g} to {high:g} | {own.sum()} | {said:.3f} | {came:.3f} |")
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Print the tables of each run."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -92,8 +74,13 @@ def main() -> None:
         )
         newest = slice(len(seen) * 4 // 5, None)
         print(f"## {path.name}: {len(seen)} steps, {int(seen[:, 1].sum())} ends\n")
-        print(table(seen, predicted), table(seen[newest], predicted[newest]), sep="\n\n")
-        print("", reliability(predicted[newest, 1, 1], seen[newest, 1]), "", sep="\n", flush=True)
+        print(
+            table(seen, predicted),
+            table(seen[newest], predicted[newest]),
+            sep="\n\n",
+            end="\n\n",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
