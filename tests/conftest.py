@@ -2,30 +2,19 @@
 
 import gc
 import signal
-from typing import Any
-
-import pytest
 
 
-def pytest_configure() -> None:
+def pytest_configure():
     """Let Ctrl-C mean what it means in a terminal, also where a background job ignores it."""
     gc.disable()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish():
     """Let the garbage collector pass over what the imports made, which took it a fifth of the time.
 
     It does not run before, so that nothing is looked through while it is made.
     """
     gc.freeze()
     gc.enable()
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Run the tests of a file in one process, so that what they share is made once."""
-    from xdist.scheduler import LoadFileScheduling
-
-    return LoadFileScheduling(config, log)

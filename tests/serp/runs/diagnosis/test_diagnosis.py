@@ -1,5 +1,6 @@
 """What a diagnosis says is true, and what a repair writes is what the diagnosis says."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -7,11 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import serp
+from serp.errors import TaskError
 from serp.model.learned.regression_data import predicted_steps
 from serp.runs.diagnosis.accuracy import WELL
 from serp.runs.diagnosis.analysis import findings
-from serp.runs.diagnosis.diagnosis import make_diagnosis
+from serp.runs.diagnosis.diagnosis import make_diagnosis, read_recorded
 from serp.runs.diagnosis.repair import repair
+from serp.runs.run import load_run
+from serp.tasks.registry import load_task
 from tests.serp.model.learned.rolls import from_text, on_ice
 from tests.serp.runs.diagnosis.made_up import (
     found,
@@ -22,6 +27,7 @@ from tests.serp.runs.diagnosis.made_up import (
     taken,
     written,
 )
+from tests.serp.runs.runs import without_pictures
 from tests.worlds import DOMAINS, text
 
 ROVER = text("rover")
@@ -167,3 +173,16 @@ def test_what_is_uncertain_is_no_remark(model):
     diagnosis = make_diagnosis(recorded(model, states, actions, after), told)
     assert diagnosis.worthwhile.parameters == told.parameters[:1]
     assert len(diagnosis.remarks) == 1
+
+
+def test_a_run_of_a_task_that_is_not_installed_can_be_read(tmp_path):
+    juggling = dataclasses.replace(load_task("cartpole"), name="juggling")
+    with without_pictures():
+        serp.plan_and_learn(juggling, env_steps=120, out=tmp_path, quiet=True)
+    with pytest.raises(TaskError, match="there is no task `juggling`"):
+        load_run(tmp_path)
+    recorded = read_recorded(tmp_path)
+    seen = recorded.adaptation.experience
+    assert recorded.env_steps == len(seen) >= 120
+    goes_on = ~seen.over[:-1]
+    np.testing.assert_array_equal(seen.states[1:][goes_on], seen.next_states[:-1][goes_on])
