@@ -157,12 +157,13 @@ class ChosenPlanner:
             length = plural(len(self._planner.plan), "action")
             return f"{self.name} follows a plan of {length} to the goal."
         discount = f"discount {readable(self.settings.discount)}"
-        if plan.bound is Bound.EXHAUSTED:
+        if plan.forecast.bound is Bound.EXHAUSTED:
             return f"{self.name} saw everything that can be reached, {discount}."
         states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""
         why = {
             Bound.CELLS: " Values of cells stand for what lies beyond.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
-        }.get(plan.bound, "")
-        return f"{self.name} looked ahead {plural(plan.depth, 'action')}{states}, {discount}.{why}"
+        }.get(plan.forecast.bound, "")
+        depth = plural(plan.forecast.depth, "action")
+        return f"{self.name} looked ahead {depth}{states}, {discount}.{why}"

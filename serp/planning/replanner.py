@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from serp.errors import SettingsError
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import SAFE, Bound, Forecast
+from serp.planning.forecast import SAFE, Forecast
 from serp.planning.lookahead import BestPath, Lookahead
 from serp.planning.preference import marked, step_risk
 from serp.settings import PlannerSettings
@@ -190,21 +190,6 @@ class Plan:
     def safe(self) -> bool:
         """Whether every risk on the chosen path is accepted."""
         return self.forecast.safe
-
-    @property
-    def indifferent(self) -> bool:
-        """Whether all safe actions have the same score: the first in the file was chosen."""
-        return self.forecast.indifferent
-
-    @property
-    def depth(self) -> int:
-        """Layers that were expanded."""
-        return self.forecast.depth
-
-    @property
-    def bound(self) -> Bound:
-        """What ended the expansion."""
-        return self.forecast.bound
 
     @property
     def nodes(self) -> int:

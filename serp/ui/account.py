@@ -21,11 +21,11 @@ def describe(planner: ChosenPlanner, account: Explanation, plan: Plan) -> dict[s
         "action": plan.name,
         "best_return": plan.reward,
         "safe": plan.safe,
-        "indifferent": plan.indifferent,
-        "depth": plan.depth,
+        "indifferent": plan.forecast.indifferent,
+        "depth": plan.forecast.depth,
         "discount": planner.settings.discount,
         "control_period": planner.model.dt,
-        "bound": plan.bound.name.lower(),
+        "bound": plan.forecast.bound.name.lower(),
         "nodes": plan.nodes,
         "path": steps,
     }
@@ -66,7 +66,7 @@ def print_explanation(account: Explanation, verdict: list[str], refused: str = "
 def _verdict(planner: ChosenPlanner, plan: Plan) -> list[str]:
     if plan.name is None:
         return ["No action is applicable here."]
-    kind = kind_of_return(plan.bound.partial)
+    kind = kind_of_return(plan.forecast.bound.partial)
     lines = [f"Chosen: {plan.name}, {kind} {readable(plan.reward)}."]
     return [*lines, *special_about(plan.forecast), planner.sight(plan)]
 

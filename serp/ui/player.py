@@ -156,7 +156,7 @@ class Player:
         plan = self._planner.plan(self.game.moment.state)
         if plan.action is None:
             raise SerpError("the planner has nothing to propose: no action is applicable")
-        if plan.indifferent:
+        if plan.forecast.indifferent:
             show("The planner is indifferent: all actions are worth the same to it.", style="dim")
         return plan.action
 

@@ -207,7 +207,7 @@ class Comparison:
         return overview(self.results)
 
 
-def compare(task: Task | str, **options: Any) -> Comparison:
+def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
     Every trial is a run folder in `out`, which `serp why`, `serp report` and `serp evaluate` open.
@@ -216,7 +216,8 @@ def compare(task: Task | str, **options: Any) -> Comparison:
 
     Args:
         task: The task, the name of an installed one, or a domain file; one that belongs to no
-            installed task is a world, as `serp.file_task` makes it.
+            installed task is a world, as `serp.file_task` makes it. None: the installed task of
+            the comparison in `out`.
         **options: All of them optional. When a comparison is continued, the defaults are its own
             values.
 
@@ -248,9 +249,13 @@ def compare(task: Task | str, **options: Any) -> Comparison:
     with needs_extra("report", "the report of a comparison"):
         from serp.runs.comparison.report import write_report
     request = CompareSettings(**options)
+    before = None if request.out is None else read_plan(request.out)
+    if task is None:
+        if before is None:
+            raise RunError("say what to compare on: name a task")
+        task = before.task
     with find_task(task).bind() as bound:
         folder = request.out or default_path(f"compare-{bound.name}")
-        before = read_plan(folder)
         plan = _planned(before, bound, request)
         jobs = _jobs(folder, plan, bound)
     with locked(folder, _PLAN):

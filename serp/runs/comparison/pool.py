@@ -99,8 +99,10 @@ class TrialsRequest(Section):
         return tuple(dict.fromkeys(seeds))
 
     @model_validator(mode="after")
-    def _address_is_of_a_cluster(self) -> Self:
-        if self.engine == LOCAL and self.address is not None:
+    def _check_engine(self) -> Self:
+        if self.engine != LOCAL:
+            find_engine(self.engine)
+        elif self.address is not None:
             raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
         return self
 

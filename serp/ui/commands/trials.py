@@ -17,6 +17,7 @@ from serp.ui.options import (
     asked_task,
     command,
     domain_option,
+    own_task_name,
     own_task_option,
     seed_option,
     settings_option,
@@ -104,7 +105,9 @@ def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> 
     """
     from serp.runs.comparison import compare as comparing
 
-    comparison = comparing.compare(asked_task(domain), algorithms=_named(algorithms), **options)
+    named = domain is not None or own_task_name() is not None or options["out"] is None
+    task = asked_task(domain) if named else None
+    comparison = comparing.compare(task, algorithms=_named(algorithms), **options)
     if options["quiet"]:
         print_result(comparison.path)
     else:

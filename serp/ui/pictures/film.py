@@ -164,7 +164,10 @@ class _FrameDrawing:
             draw.text((2 * pad, top + line // 2), word, fill=ink, font=self._font, anchor="lm")
             left = end + pad
         for number, (text, ink) in enumerate(rows):
-            at = (2 * pad if number else left, top + line // 2 + number * line)
+            start = 2 * pad if number else left
+            while self._font.getlength(text) > size[0] - start - pad and len(text) > 1:
+                text = text.removesuffix("…")[:-1] + "…"
+            at = start, top + line // 2 + number * line
             draw.text(at, text, fill=ink, font=self._font, anchor="lm")
 
 

@@ -79,7 +79,7 @@ def play(
             action = "" if last else f"planner: {plan.name}"
             picture = _picture(bound) if pictures else ""
             values = bound.model.values(state)
-            steps.append(EpisodeStep(values, action, plan.indifferent, picture))
+            steps.append(EpisodeStep(values, action, plan.forecast.indifferent, picture))
             if last:
                 break
         supplied = bound.domain.supplied or frozenset()

@@ -189,7 +189,7 @@ def _verdict(plan: Plan, account: Explanation) -> str:
     if plan.name is None:
         return "No action is applicable here."
     sentences = special_about(plan.forecast)
-    if account.runner_up is not None and not plan.indifferent:
+    if account.runner_up is not None and not plan.forecast.indifferent:
         sentences.insert(0, between(account.runner_up, plan.name))
-    looked = f"Looked {plural(plan.depth, 'action')} ahead, {plural(plan.nodes, 'state')}."
+    looked = f"Looked {plural(plan.forecast.depth, 'action')} ahead, {plural(plan.nodes, 'state')}."
     return " ".join([*sentences, looked])

@@ -50,7 +50,7 @@ def plans_of(model, settings, states):
 def assert_as_by_recursion(reference, state, planned):
     model, root, forecast = reference.model, as_state(state), planned.forecast
     layers, bound = reference.layers(root)
-    assert (planned.depth, planned.bound) == (layers, bound)
+    assert (planned.forecast.depth, planned.forecast.bound) == (layers, bound)
     best = reference.best(root, layers)
     names = [model.actions[arc.action].name for arc in best.arcs]
     assert [(step.action, step.state, step.reward, step.unsafe) for step in planned.path] == [
@@ -102,10 +102,10 @@ def test_the_plan_is_that_of_plain_recursion():
             patch.setattr("serp.planning.lookahead.MAX_NUMBERS", memory * (len(model.fluents) + 1))
             for state, planned in zip(states, plans_of(model, settings, states), strict=True):
                 assert_as_by_recursion(reference, state, planned)
-                expected = reference.graph(as_state(state), planned.depth)
+                expected = reference.graph(as_state(state), planned.forecast.depth)
                 assert nx.utils.graphs_equal(planned.graph, expected)
                 values = planned.forecast.value[planned.forecast.applicable]
-                met[planned.bound.name] += 1
+                met[planned.forecast.bound.name] += 1
                 met["ties"] += len(values) != len(set(values.tolist()))
                 met["unsafe"] += planned.action is not None and not planned.safe
                 risks = [risk for *_, risk in planned.graph.edges(data="risk")]
@@ -126,7 +126,7 @@ def test_positive_and_negative_zero_are_one_state():
     )
     settings = PlannerSettings(depth=4, max_nodes=4)
     (planned,) = plans_of(model, settings, np.zeros((1, 1)))
-    assert (planned.depth, planned.bound) == (4, Bound.DEPTH)
+    assert (planned.forecast.depth, planned.forecast.bound) == (4, Bound.DEPTH)
 
 
 def test_memory_is_bounded_whatever_the_depth():

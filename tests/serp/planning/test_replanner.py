@@ -16,8 +16,8 @@ def test_a_graph_of_objects_has_a_bounded_number_of_edges(monkeypatch):
     )
     model = load(f"(define (domain wide) (:functions (x) (reward)) {wide})")
     decided = MonitorReplanner(model, depth=50, max_nodes=800_000).plan([1.0])
-    assert decided.bound is Bound.NODES
-    assert len(decided.path) == decided.depth == 3
+    assert decided.forecast.bound is Bound.NODES
+    assert len(decided.path) == decided.forecast.depth == 3
     assert decided.graph.number_of_edges() == 5 + 25 + 125
 
 

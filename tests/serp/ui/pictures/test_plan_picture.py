@@ -40,7 +40,7 @@ def branches_of(plan, planner, rows=MAX_ROWS):
     assert all(b.label.startswith(short(s.action)) for b, s in zip(path, plan.path, strict=True))
     # Bounded: beyond the limit only the best path with its siblings. No rows coincide.
     leaves = sum(not b.children for b in branches)
-    assert leaves <= max(rows, 12) + 12 * plan.depth
+    assert leaves <= max(rows, 12) + 12 * plan.forecast.depth
     for layer in {b.layer for b in branches}:
         taken = sorted(b.row for b in branches if b.layer == layer)
         assert all(lower - upper >= 0.99 for upper, lower in itertools.pairwise(taken))
