@@ -1,4 +1,4 @@
-"""The base class of strategies, which decide whether planner or learner proposes."""
+"""What decides whether planner or learner proposes: the base class, and the strategy `mixture`."""
 
 from __future__ import annotations
 

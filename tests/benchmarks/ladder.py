@@ -86,7 +86,7 @@ def leads_greedily(self: Any, situation: Any, learner: Any) -> Any:
 
 FAR, PLANNER = "planning", "planning.far_sight:FarSightPlanner"
 RESIDUAL, ADAPTED = "model.learned.residual:ResidualRegression", "model.learned.adapted_model"
-EVIDENCE, NOTHING = "agent.hand_over:Evidence", np.zeros(0, dtype=np.int64)
+EVIDENCE, NOTHING = "agent.evidence:Evidence", np.zeros(0, dtype=np.int64)
 # fmt: off
 WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     # The planner

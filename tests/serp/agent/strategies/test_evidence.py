@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.agent.hand_over import Evidence
+from serp.agent.evidence import Evidence
 from serp.errors import RunError
 from serp.settings import Settings, resolve
 from tests.serp.agent.scene import forecast, learner_acts
