@@ -90,7 +90,7 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
     `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
     """
     if source == "domain":
-        return "the rewards of the domain file"
+        return "the rewards of the domain file; the returns shown are the environment's"
     if source == "sum":
         return "the environment's reward plus those of the domain file"
     if not in_file:
