@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp._util.text import readable
+from serp._util.text import measured, readable
 from serp.ui.options import (
     Decorator,
     again,
@@ -182,10 +183,16 @@ def _text(value: Any) -> str:
 def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None) -> None:
     compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
     compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
-    before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
+    show(f"\nBest of {tuned.trials} trials: {readable(tuned.value)}.")
+    if tuned.gain is not None:
+        gain, error = tuned.gain
+        show(f"The settings as they were: {readable(tuned.before)}. Gain: {measured(gain, error)}.")
+        if math.isnan(error):
+            show("One seed does not show the noise; give more with --seeds.")
+        elif gain <= 2 * error:
+            show("The gain is within the noise of the seeds (two standard errors).")
     show()
-    rows = [(text, "") for text in assignments]
-    print_table((f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
+    print_table(("", ""), [(text, "") for text in assignments])
     print_next(
         (compare, "whether they are better, with other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
