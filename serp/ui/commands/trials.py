@@ -79,6 +79,7 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
     "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
     "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
     "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+    "serp compare --domain cartpole --baseline controllers.py:lean",
     "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
@@ -86,6 +87,9 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
                    "with a setting changed, NAME@FILE one with another domain file. May be "
                    "repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
+@click.option("--baseline", metavar="FILE.py:FUNCTION",
+              help="A controller of your own to compare with: a function from the values of the "
+                   "fluents to the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
@@ -126,11 +130,13 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
     show()
     print_table(*comparison.overview())
-    if comparison.results.caution is not None:
-        show(f"\n{comparison.results.caution}")
+    show()
+    for line in comparison.results.verdicts:
+        show(line)
     print_next(
         (str(path / "report.html"), "the whole comparison on one page"),
-        (str(path / "measures.csv"), "all measures, a row a trial"),
+        (str(path / "measures.csv"), "all measures, a row a trial; overview.tex for LaTeX"),
+        (str(path / "figures" / "training.png"), "the training returns as a picture"),
         (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
         (more, "more seeds; what is there is kept"),
     )
