@@ -137,6 +137,8 @@ class Task:
             other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
             value) → name of a ground action, None for no advice.
+        learners: Further learners by name, for the setting `learner.name`: a function with the
+            arguments of `serp.learning.dqn.DQN`, which returns a learner.
         draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
@@ -154,6 +156,7 @@ class Task:
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     world: WorldOptions | None = None
     planners: Mapping[str, Advise] = field(default_factory=dict)
+    learners: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
