@@ -33,6 +33,13 @@ def custom_task(name: str) -> Task:
     Raises:
         TaskError: There is no such file, module or function, it fails, or it returns no task.
     """
+    made, where = _made_task(name), name.rpartition(":")[0] if ".py:" in name else name
+    if not where.endswith(".py"):
+        return made
+    return dataclasses.replace(made, code=f"{Path(where).resolve()}{name[len(where) :]}")
+
+
+def _made_task(name: str) -> Task:
     option = f"--task {name}"
     module, attribute = _named(name, option, "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION")
     value = attribute_of(module, attribute, option) if attribute else _only(module, name)

@@ -143,6 +143,7 @@ class Task:
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
+        code: `FILE.py:FUNCTION` where `--task` named that, the file in full; a run records it.
     """
 
     make_env: Callable[..., gym.Env[Any, Any]]
@@ -160,6 +161,7 @@ class Task:
     draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
+    code: str = ""
 
     @property
     def closed(self) -> bool:

@@ -17,6 +17,7 @@ from serp.ui.options import (
     domain_option,
     own_task_name,
     own_task_option,
+    recorded_task,
     refuse_given,
     seed_option,
     setting_option,
@@ -26,6 +27,7 @@ from serp.ui.output import print_next, print_result, print_table, show
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
+    from serp.tasks.task import Task
 
 
 @command(
@@ -80,15 +82,19 @@ def plan_and_learn(
     if resuming:
         begun_with = ("out", "preset", "seed", "adapt", "planner", "num_envs", "settings")
         refuse_given(begun_with, "cannot change in a run that is resumed")
-    named = domain or own_task_name() or not resuming
-    task = asked_task(domain) if named else str(resume)
+    task: Task | str
+    if resume is None or domain or own_task_name():
+        task = asked_task(domain)
+    else:
+        task = recorded_task(resume) or str(resume)
     from serp.runs import train
 
     try:
         run = train.plan_and_learn(task, out=resume or out, resume=resuming, quiet=quiet, **options)
     except BaseException as error:
         own = own_task_name()
-        if own and hasattr(error, "__notes__"):  # they say how the run goes on
+        of_module = own is not None and not own.partition(":")[0].endswith(".py")
+        if own and of_module and hasattr(error, "__notes__"):  # they say how the run goes on
             add = f"--task {shlex.quote(own)}"
             error.add_note(f"and add {add} to the command, for this task is not installed")
         raise

@@ -14,7 +14,6 @@ from serp.errors import needs_extra
 from serp.runs import Policy
 from serp.ui.options import (
     OutputFile,
-    asked_own_task,
     command,
     json_option,
     open_run,
@@ -115,11 +114,10 @@ def report(run: Path, out: Path | None, **options: Any) -> None:
     It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
     its alternatives and the lines of the file behind the executed and the refused action.
     """
-    from serp.runs.run import load_run
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    write_report(load_run(run, asked_own_task()), path, **options)
+    write_report(open_run(run), path, **options)
     _print_size(path)
 
 
