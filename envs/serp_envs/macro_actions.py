@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
-from inspect import isfunction, isgeneratorfunction
+from inspect import isgeneratorfunction
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -86,7 +86,6 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
 
     Raises:
         ValueError: There are no options.
-        TypeError: An option is not a generator function.
     """
 
     def __init__(
@@ -97,12 +96,6 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         if not options:
             raise ValueError("MacroActions needs one option or more")
-        for name, given in options.items():
-            if not callable(given) or (isfunction(given) and not isgeneratorfunction(given)):
-                raise TypeError(
-                    f"option `{name}` is not a generator function; write option(controller, "
-                    "steps=...) for a function from the observation to the control"
-                )
         self.options = dict(options)
         self.action_space = spaces.Discrete(len(self.options))
         self._observation: Any = None
@@ -129,6 +122,7 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
             gymnasium.error.ResetNeeded: `reset` comes before `step`.
             gymnasium.error.InvalidAction: There is no such option.
             ValueError: The option ended without a control.
+            TypeError: The option is a function that yields nothing.
         """
         if self._observation is None:
             raise gym.error.ResetNeeded("reset comes before step")
@@ -153,6 +147,11 @@ def run_option(
         What `MacroActions.step` does; None if the option gave no control.
     """
     running = option(observation)
+    if not isinstance(running, Generator):
+        raise TypeError(
+            f"an option yields controls, but this one returned {running!r}; write "
+            "option(controller, steps=...) for a function from the observation to the control"
+        )
     total, steps = 0.0, 0
     try:
         control = next(running)

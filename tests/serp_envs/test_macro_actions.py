@@ -88,8 +88,10 @@ def test_what_is_wrong_is_named():
         option(along, steps=0)
     with pytest.raises(TypeError, match="a controller is a function"):
         option(np.ones(1), steps=3)
-    with pytest.raises(TypeError, match="option `along` is not a generator function; write option"):
-        MacroActions(gymnasium.make("Pendulum-v1"), {"along": along})
+    env = MacroActions(gymnasium.make("Pendulum-v1"), {"along": along})
+    env.reset()
+    with pytest.raises(TypeError, match=r"yields controls, but this one returned .*; write option"):
+        env.step(0)
 
 
 def test_steps_bound_a_generator():
