@@ -16,7 +16,6 @@ import click
 from click.core import ParameterSource
 
 from serp._util.did_you_mean import did_you_mean
-from serp._util.files import write_durably
 from serp.errors import SerpError
 from serp.runs import Policy
 from serp.ui.output import examples
@@ -203,6 +202,8 @@ def _trusted() -> dict[str, str]:
 
 def _trust(file: Path) -> None:
     """Remember that the user has run a task file; without a writable home they are asked again."""
+    from serp._util.files import write_durably
+
     known, digest = _trusted(), _digest(file)
     if known.get(str(file)) != digest:
         folder = Path(click.get_app_dir("serp"))
