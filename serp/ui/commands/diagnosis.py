@@ -61,6 +61,8 @@ _FIRST = 3
 
 
 def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
+    from serp.runs.oscillation import oscillation
+
     recorded, sample = diagnosis.recorded, diagnosis.steps.sample
     file = next(iter(recorded.metadata["domain_files"].values()), recorded.domain.name)
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
@@ -72,6 +74,8 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     if recorded.made.learned_from == "environment":
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)
+    if (told := oscillation(recorded, recorded.recording())) is not None:
+        show(f"\n{told}")
     remarks = diagnosis.remarks if everything else diagnosis.remarks[:_FIRST]
     for number, remark in enumerate(remarks, 1):
         show(f"\n{number}. {remark.text}.")

@@ -107,6 +107,7 @@ def plan_and_learn(
 def _print_results(run: Run, *, verbose: bool) -> None:
     """Print the figures that the display of the training had, and what to do next."""
     from serp.runs.folder import METRICS
+    from serp.runs.oscillation import oscillation
     from serp.runs.results import return_of, title
     from serp.runs.tables import read_metrics
 
@@ -128,6 +129,8 @@ def _print_results(run: Run, *, verbose: bool) -> None:
         ("time", duration(summary["wall_time"])),
     ]
     print_table(("", ""), rows)
+    if (told := oscillation(run, run.recording())) is not None:
+        show(f"\n{told}")
     if verbose:
         show()
         print_account(summary, summary["sight"])

@@ -53,6 +53,7 @@ def why(
     would have had to differ for it. Without a step, the last refused proposal that was applicable
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
+    from serp.runs.oscillation import oscillation
     from serp.runs.run import Run
     from serp.runs.step_account import account_of_step, most_telling
 
@@ -70,6 +71,8 @@ def why(
         print_json({**about, "because": because, **account.as_dict()})
     else:
         _print_step(read, account, because)
+        if (told := oscillation(read, recording)) is not None:
+            show(f"\n{told}")
 
 
 def _print_step(run: Run, account: StepAccount, because: str) -> None:
