@@ -24,6 +24,7 @@ version = release = __version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx_click",
     "sphinx_copybutton",
@@ -31,6 +32,7 @@ extensions = [
     "settings_table",
 ]
 exclude_patterns = ["build"]
+templates_path = ["_templates"]
 
 PDDL_WORDS = (
     "define", "domain", "problem", "and", "or", "not", "imply", "when", "forall", "exists",

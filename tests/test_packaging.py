@@ -155,7 +155,7 @@ def test_the_installed_command_works_without_the_checkout(installed, wheel, tmp_
         assert Path(path).is_relative_to(installed.parent)
     command = str(installed / "serp")
     assert wheel.name.split("-")[1] in output([command, "--version"], tmp_path).split()
-    assert "cartpole: right" in output([command, "check", "cartpole"], tmp_path)
+    assert "cartpole: well formed" in output([command, "check", "cartpole"], tmp_path)
 
 
 # Light imports

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
+from inspect import isgeneratorfunction
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -17,7 +18,7 @@ the observation after each, also after one that ends the episode, and returns wh
 
 
 def option(
-    control: Callable[[Observation], Control],
+    control: Callable[[Observation], Control] | Option[Observation, Control],
     *,
     steps: int,
     until: Callable[[Observation], bool] | None = None,
@@ -25,21 +26,41 @@ def option(
     """Return the option that runs a controller for a number of steps, or until a condition holds.
 
     Args:
-        control: Observation → control, which the environment's `step` takes.
+        control: Observation → control, which the environment's `step` takes; or a generator
+            function, which yields one control after another and is sent the observations between.
         steps: Most steps, at least 1.
         until: Observation → whether to end; asked after every step.
 
     Raises:
+        TypeError: `control` is not a function.
         ValueError: `steps` is not a number of steps.
     """
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
         raise ValueError(f"an option takes 1 step or more, not {steps!r}")
+    if not callable(control):
+        raise TypeError(f"a controller is a function of the observation, not {control!r}")
+    generate = control if isgeneratorfunction(control) else _in_each_step(control)
 
     def run(observation: Observation) -> Generator[Control, Observation, None]:
+        controls, sent = generate(observation), None
         for _ in range(steps):
-            observation = yield control(observation)
-            if until is not None and until(observation):
+            try:
+                chosen = controls.send(sent)
+            except StopIteration:
                 return
+            sent = yield chosen
+            if until is not None and until(sent):
+                return
+
+    return run
+
+
+def _in_each_step(control: Callable[[Any], Any]) -> Option[Any, Any]:
+    """Return the option that asks a controller in each step, without end."""
+
+    def run(observation: Any) -> Generator[Any, Any, None]:
+        while True:
+            observation = yield control(observation)
 
     return run
 
@@ -101,6 +122,7 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
             gymnasium.error.ResetNeeded: `reset` comes before `step`.
             gymnasium.error.InvalidAction: There is no such option.
             ValueError: The option ended without a control.
+            TypeError: The option is a function that yields nothing.
         """
         if self._observation is None:
             raise gym.error.ResetNeeded("reset comes before step")
@@ -125,6 +147,11 @@ def run_option(
         What `MacroActions.step` does; None if the option gave no control.
     """
     running = option(observation)
+    if not isinstance(running, Generator):
+        raise TypeError(
+            f"an option yields controls, but this one returned {running!r}; write "
+            "option(controller, steps=...) for a function from the observation to the control"
+        )
     total, steps = 0.0, 0
     try:
         control = next(running)

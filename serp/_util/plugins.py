@@ -92,4 +92,5 @@ def raised(error: BaseException) -> str:
 def first_line(implementation: object) -> str:
     """Return what an implementation is by the first line of its docstring; empty if it has none."""
     text = (implementation.__doc__ or "").strip().removeprefix("Return ")
-    return text.splitlines()[0].rstrip(".") if text else ""
+    line = text.splitlines()[0].rstrip(".") if text else ""
+    return line if line[1:2].isupper() else line[:1].lower() + line[1:]

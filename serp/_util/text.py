@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Iterable
 
 
 def plural(count: int, noun: str, several: str | None = None) -> str:
@@ -65,6 +67,26 @@ def duration(seconds: float) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02} s"
     return f"{minutes // 60} h {minutes % 60:02} min"
+
+
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+def sparkline(numbers: Iterable[float], width: int = 12) -> str:
+    """Return the course of numbers as at most `width` bars; an empty text for fewer than three.
+
+    Each bar is the mean of as many values; the lowest and the highest bar are the ends of the
+    scale (Tufte 2006).
+    """
+    values = list(numbers)
+    if len(values) < 3 or not all(map(math.isfinite, values)):
+        return ""
+    ends = [len(values) * i // min(width, len(values)) for i in range(min(width, len(values)) + 1)]
+    means = [sum(values[a:b]) / (b - a) for a, b in itertools.pairwise(ends)]
+    low, spread = min(means), max(means) - min(means)
+    if spread <= 1e-9 * max(map(abs, means)):
+        return _BARS[3] * len(means)
+    return "".join(_BARS[min(int((mean - low) / spread * len(_BARS)), 7)] for mean in means)
 
 
 def _decimals(value: float, error: float) -> int | None:

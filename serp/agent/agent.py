@@ -86,7 +86,7 @@ class Agent:
         self.settings = settings
         # Wrong names are refused first, because what follows takes time.
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
-        make_learner = find_learner(settings.learner.name)
+        make_learner = find_learner(settings.learner.name, task.task.learners)
         if settings.planner.discount >= 1.0:
             raise SettingsError("planner.discount: a learner needs less than 1, such as 0.999")
         self._learns_from = reward_source(task.rewarded_by, settings)

@@ -63,9 +63,8 @@ class ChosenPlanner:
         Raises:
             SettingsError: There is no such planner.
         """
-        own = {} if task is None else task.planners
-        refuse_unknown_names(Settings(planner=settings), own)
-        planner = make_planner(model, settings, own)
+        refuse_unknown_names(Settings(planner=settings), task)
+        planner = make_planner(model, settings, None if task is None else task.planners)
         return cls(planner, model, settings, f"The planner {settings.name}")
 
     def forecast(self, state: Vector) -> Forecast:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from importlib.metadata import EntryPoint
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from serp._util import plugins
 from serp.agent.protocols import MakeLearner, MakePlanner, Planner
@@ -21,6 +21,9 @@ from serp.planning.far_sight import FarSightPlanner
 from serp.planning.lookahead import Lookahead
 from serp.planning.plan_follower import Advise, AdvisedPlanner
 from serp.settings import PlannerSettings, Settings
+
+if TYPE_CHECKING:
+    from serp.tasks.task import Task
 
 
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
@@ -72,20 +75,27 @@ def make_planner(
     return cast(MakePlanner, _load(PLANNERS, settings.name))(model, settings)
 
 
-def find_learner(name: str) -> MakeLearner:
-    """Return the function that makes the learner of a name, or raise a SettingsError."""
+def find_learner(name: str, own: Mapping[str, MakeLearner] | None = None) -> MakeLearner:
+    """Return the function that makes the learner of a name, or raise a SettingsError.
+
+    `own` is `serp.Task.learners`.
+    """
+    if own and name in own:
+        return own[name]
     return cast(MakeLearner, _load(LEARNERS, name))
 
 
-def refuse_unknown_names(settings: Settings, own: Collection[str] = ()) -> None:
-    """Raise a SettingsError for a planner, strategy or learner that is not installed.
+def refuse_unknown_names(settings: Settings, task: Task | None = None) -> None:
+    """Raise a SettingsError for a planner, strategy or learner that does not exist.
 
-    Nothing is imported for that. `own` are the names of the planners that the task brings along.
+    Nothing is imported for that. The task may bring planners and learners along.
     """
-    if settings.planner.name not in own:
-        _entry(PLANNERS, settings.planner.name, own)
+    planners, learners = ({}, {}) if task is None else (task.planners, task.learners)
+    if settings.planner.name not in planners:
+        _entry(PLANNERS, settings.planner.name, planners)
     _entry(STRATEGIES, settings.guide.strategy)
-    _entry(LEARNERS, settings.learner.name)
+    if settings.learner.name not in learners:
+        _entry(LEARNERS, settings.learner.name, learners)
 
 
 def _load(group: str, name: str) -> Any:

@@ -97,7 +97,7 @@ class Situation:
 
 
 class Strategy(Declared):
-    """A rule for who proposes; in this base class it is always the learner.
+    """The learner always proposes; the base class of all strategies.
 
     A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
     subclass is found by name through the entry-point group `serp.strategies`.

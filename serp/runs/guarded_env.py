@@ -256,7 +256,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         seed = seed_of(seed)
         task = find_task(task)
         resolved = resolve(preset, task.settings, settings)
-        refuse_unknown_names(resolved, task.planners)
+        refuse_unknown_names(resolved, task)
         if resolved.training.num_envs > 1:
             raise SettingsError("training.num_envs: a guarded environment is one; set it to 1")
         bound = task.bind(render_mode=render_mode)

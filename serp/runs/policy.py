@@ -55,19 +55,19 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         The folder.
 
     Raises:
-        RunError: The folder is not empty, or the planner is a function of the task.
+        RunError: The folder is not empty, or planner or learner is a part of the task.
         SerpError: The run or its task cannot be loaded, or the environment failed.
     """
     folder = Path(folder)
     run = run if isinstance(run, Run) else load_run(run)
     refuse_occupied(folder)
     agent = run.agent
-    planner = agent.settings.planner.name
-    if planner in run.task.planners:
-        raise RunError(
-            f"the run's planner `{planner}` is a part of its task and cannot be exported; train "
-            "with an installed planner, such as planner.name=far-sight"
-        )
+    for kind, own in (("planner", run.task.planners), ("learner", run.task.learners)):
+        if (name := getattr(agent.settings, kind).name) in own:
+            raise RunError(
+                f"the run's {kind} `{name}` is a part of its task and cannot be exported; train "
+                f"with an installed {kind}; `serp list` names them"
+            )
     with run.environment() as task:
         arrays, meta = _state(agent, task)
         about = _about(agent, task)

@@ -13,7 +13,7 @@ from rich.progress import BarColumn, TextColumn
 from rich.progress import Progress as Bar
 
 from serp._util.terminal import open_console, visible
-from serp._util.text import duration, percent, readable
+from serp._util.text import duration, percent, readable, sparkline
 from serp.agent.decision import Actor
 from serp.runs.run_config import Budget
 from serp.runs.trainer import Trainer
@@ -58,6 +58,7 @@ class Progress:
         )
         self._next = float("inf")  # time of the next refresh
         self._shown = trainer.env_steps
+        self._returns: list[float] = []  # mean of the newest episodes at each refresh
         self._samples: deque[tuple[float, dict[str, int], int]] = deque()
 
     def __enter__(self) -> Self:
@@ -99,7 +100,7 @@ class Progress:
     def _show(self) -> None:
         self._sample()
         self._shown = self._trainer.env_steps
-        self._next = time.monotonic() + (5.0 if self._bar.disable else 0.2)
+        self._next = time.monotonic() + (10.0 if self._bar.disable else 0.2)
         if self._bar.disable:
             self._print(self._figures())
             return
@@ -131,19 +132,15 @@ class Progress:
         return ", ".join([*figures, *(f"time left {duration(min(left))}" for _ in left[:1])])
 
     def _trend(self) -> str:
-        """Return how the newer half of the last returns differs, beyond two standard errors."""
-        old, new = np.array_split(np.array(self._trainer.recent), 2)
-        if len(new) < 3:
-            return ""
-        error = np.sqrt(old.var(ddof=1) / len(old) + new.var(ddof=1) / len(new))
-        change = new.mean() - old.mean()
-        if abs(change) <= 2 * error:
-            return " (steady)"
-        return " (rising)" if change > 0 else " (falling)"
+        """Return the returns since the display began as a sparkline."""
+        line = "" if self._console.options.ascii_only else sparkline(self._returns)
+        return f" {line}" if line else ""
 
     def _sample(self) -> None:
         trainer = self._trainer
         planner = trainer.tally.executed[Actor.PLANNER]
         self._samples.append((trainer.wall_time, self._budget.counts(trainer), planner))
+        if trainer.recent:
+            self._returns.append(float(np.mean(trainer.recent)))
         while len(self._samples) > 2 and self._samples[1][0] <= trainer.wall_time - _MEMORY:
             self._samples.popleft()

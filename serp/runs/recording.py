@@ -343,11 +343,17 @@ class Recording:
             raise RunError(f"{self._files[number]} has too few steps. Restore it from a copy.")
         return found
 
-    def columns(self, *names: str) -> Columns:
-        """Return columns of all steps: name → `[N, ...]`; docs/reference/run-folder.md has all."""
-        parts = [self._read_block(number, names) for number in range(len(self._files))]
+    def columns(self, *names: str, newest: int | None = None) -> Columns:
+        """Return columns of all steps, or of the newest: name → `[N, ...]`.
+
+        docs/reference/run-folder.md has all names.
+        """
+        first = 0 if newest is None else max(0, len(self) - newest)
+        begin = first // self.layout.block
+        parts = [self._read_block(number, names) for number in range(begin, len(self._files))]
         parts.insert(0, self.layout.empty(0))
-        return {name: np.concatenate([part[name] for part in parts]) for name in names}
+        rest = first - begin * self.layout.block
+        return {name: np.concatenate([part[name] for part in parts])[rest:] for name in names}
 
     @functools.cached_property
     def episodes(self) -> dict[int, NDArray[np.int64]]:

@@ -21,21 +21,26 @@ def title(summary: Mapping[str, Any]) -> str:
     return ", ".join(f"{what}{summary[key]}" for what, key in known.items() if key in summary)
 
 
+def return_of(summary: Mapping[str, Any]) -> str:
+    """Return the mean return of the episodes of a run, with its change where there are enough."""
+    returns = summary["return"]
+    if returns["last_20"] is None:
+        return readable(returns["mean"])
+    first, last = readable(returns["first_10"]), readable(returns["last_20"])
+    return f"from {first} (first {FIRST} episodes) to {last} (last {WINDOW})"
+
+
 def lead(summary: Mapping[str, Any]) -> str:
     """Return the result of a run in a few sentences."""
     if not summary["episodes"]:
         return "No episode has ended yet."
-    returns = summary["return"]
-    result = f"was {readable(returns['mean'])}"
-    if returns["last_20"] is not None:
-        result = f"went from {readable(returns['first_10'])} (first {FIRST} episodes) to "
-        result += f"{readable(returns['last_20'])} (last {WINDOW})"
+    result = "was" if summary["return"]["last_20"] is None else "went"
     unsafe = f"Unsafe actions executed: {summary['unsafe_executed']:,}."
     unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
     return (
         f"{plural(summary['episodes'], 'episode')}, "
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
-        f"The mean return {result}. {unsafe}"
+        f"The mean return {result} {return_of(summary)}. {unsafe}"
     )
 
 

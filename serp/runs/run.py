@@ -115,6 +115,7 @@ class Run(Closing):
             domain=task.domain.name,
             observed=None if task.task.closed else sorted(task.domain.supplied or ()),
             world=task.task.world,
+            code=task.task.code,
             max_ground_schemas=task.domain.max_ground_schemas,
             preset=preset,
             seed=seed,

@@ -68,6 +68,8 @@ class RunConfig(BaseModel):
     states can be reached from there, see `Task.closed`."""
     world: WorldOptions | None = None
     """What the environment was made with, if it was made of the file itself."""
+    code: str = ""
+    """Where the task is defined, see `Task.code`."""
     max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
     """Limit on the size of each grounded domain."""
     preset: str

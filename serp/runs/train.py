@@ -284,7 +284,7 @@ def plan_and_learn(
                 return train(run, trainer, limits, callbacks, quiet=quiet)
     task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
-    refuse_unknown_names(resolved, task.planners)
+    refuse_unknown_names(resolved, task)
     if out is not None:
         refuse_occupied(Path(out))
     with task.bind() as bound:

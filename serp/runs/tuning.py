@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import NonNegativeInt, PositiveInt
 
 from serp._util.files import json_text
-from serp._util.text import readable
+from serp._util.text import measured
 from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.runs.comparison.algorithms import find_algorithm
 from serp.runs.comparison.compare import locked
@@ -53,6 +54,8 @@ class Tuned:
         settings: The best settings that were found: section → setting → value.
         value: Their objective, the mean over the seeds.
         before: The objective of the settings as they were; None if these are outside of the space.
+        gain: The difference of the two, paired by seed: its mean and its standard error. The best
+            of many trials is selected, so its mean is biased upwards. None without `before`.
         trials: Number of trials that came to an end.
         study: The study, an `optuna.Study`.
         path: Its folder.
@@ -61,6 +64,7 @@ class Tuned:
     settings: Changes
     value: float
     before: float | None
+    gain: tuple[float, float] | None
     trials: int
     study: Any
     path: Path
@@ -112,11 +116,10 @@ class _Search:
             for seed in self.request.seeds
         ]  # fmt: skip
 
-    def value(self, jobs: list[Job]) -> float:
-        """Return what complete trainings are worth; NaN if no episode ended in one."""
-        return float(np.mean([
-            measure(read_trial(job), self.env_steps, None)[self._measure] for job in jobs
-        ]))  # fmt: skip
+    def values(self, jobs: list[Job]) -> list[float]:
+        """Return what complete trainings are worth; NaN for one in which no episode ended."""
+        trials = map(read_trial, jobs)
+        return [float(measure(each, self.env_steps, None)[self._measure]) for each in trials]
 
 
 def tune(task: Task | str, **options: Any) -> Tuned:
@@ -187,8 +190,20 @@ def tune(task: Task | str, **options: Any) -> Tuned:
         why = study.user_attrs.get(f"error {ended[0].number}")
         raise RunError(f"none of {len(ended)} trials succeeded; the first failed: {why}")
     best = max(complete, key=lambda trial: trial.value)
-    before = next((trial.value for trial in complete if trial.params == search.own), None)
-    return Tuned(changes_of(best.params), best.value, before, len(ended), study, folder)
+    own = next((trial for trial in complete if trial.params == search.own), None)
+    before, gain = None, None
+    if own is not None:
+        before = own.value
+        values, own_values = (study.user_attrs[f"values {t.number}"] for t in (best, own))
+        gain = _mean_and_error(np.subtract(values, own_values))
+    return Tuned(changes_of(best.params), best.value, before, gain, len(ended), study, folder)
+
+
+def _mean_and_error(values: ArrayLike) -> tuple[float, float]:
+    """Return the mean of values ``[n]`` and its standard error; NaN for a single one."""
+    array = np.asarray(values, dtype=np.float64)
+    error = array.std(ddof=1) / np.sqrt(len(array)) if len(array) > 1 else np.nan
+    return float(array.mean()), float(error)
 
 
 def _run(optuna: Any, study: Any, search: _Search, folder: Path) -> int | None:
@@ -228,10 +243,11 @@ def _run(optuna: Any, study: Any, search: _Search, folder: Path) -> int | None:
             for number, parameters in running.items():
                 text = None
                 if number not in errors and all(job.complete for job in jobs[number]):
-                    value = search.value(jobs[number])
-                    if np.isfinite(value):
-                        study.tell(number, value)
-                        text = readable(value)
+                    values = search.values(jobs[number])
+                    if np.all(np.isfinite(values)):
+                        study.set_user_attr(f"values {number}", values)
+                        study.tell(number, float(np.mean(values)))
+                        text = measured(*_mean_and_error(values))
                     else:
                         errors[number] = (
                             f"no episode ended within {search.env_steps} env steps, so nothing was "

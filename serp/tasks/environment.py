@@ -59,14 +59,17 @@ class BoundTask(Closing):
         self.on_notice: Callable[[str], None] | None = None
 
     def _check_fields(self) -> None:
-        task, planners = self.task, self.task.planners
-        dt = real(task.dt)
-        functions = isinstance(planners, Mapping) and all(map(callable, planners.values()))
+        task, dt = self.task, real(self.task.dt)
+        functions = [
+            isinstance(given, Mapping) and all(map(callable, given.values()))
+            for given in (task.planners, task.learners)
+        ]
         for right, name, allowed in (
             (isinstance(task.name, str | None), "name", "a text"),
             (callable(task.ground), "ground", "a function of an observation"),
             (callable(task.make_env), "make_env", "a function that returns an environment"),
-            (functions, "planners", "a mapping {name: function}"),
+            (functions[0], "planners", "a mapping {name: function}"),
+            (functions[1], "learners", "a mapping {name: function}"),
             (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
             (dt is not None and dt > 0, "dt (the control period)", "a number > 0"),
         ):

@@ -6,10 +6,11 @@ import dataclasses
 import importlib
 import inspect
 import sys
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard, cast
 
 from serp._util import plugins
 from serp._util.did_you_mean import did_you_mean
@@ -25,20 +26,22 @@ GROUP = "serp.tasks"
 def custom_task(name: str) -> Task:
     """Return the task that `--task` names.
 
-    The name, one of `FORMS`, refers to a `serp.Task`, or to a function without arguments that
-    returns one; a file with one task needs no function name. Installed modules come before those in
-    the working directory; importing a module runs it.
+    The name refers to a `serp.Task`, or to a function without arguments that returns one; a file
+    with one task needs no function name. Installed modules come before those in the working
+    directory; importing a module runs it.
 
     Raises:
         TaskError: There is no such file, module or function, it fails, or it returns no task.
     """
-    forms = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
-    where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
-    if not where or (colon and not attribute):
-        raise TaskError(f"--task {name}: expected {forms}")
+    made, where = _made_task(name), name.rpartition(":")[0] if ".py:" in name else name
+    if not where.endswith(".py"):
+        return made
+    return dataclasses.replace(made, code=f"{Path(where).resolve()}{name[len(where) :]}")
+
+
+def _made_task(name: str) -> Task:
     option = f"--task {name}"
-    is_file = where.endswith(".py")
-    module = import_file(Path(where), option) if is_file else _import_module(where, Path(), option)
+    module, attribute = _named(name, option, "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION")
     value = attribute_of(module, attribute, option) if attribute else _only(module, name)
     if _is_task(value):
         return value
@@ -53,6 +56,31 @@ def custom_task(name: str) -> Task:
     if not _is_task(made):
         raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task")
     return made
+
+
+def custom_function(name: str, option: str) -> Callable[..., Any]:
+    """Return the function that `FILE.py:FUNCTION` or `MODULE:FUNCTION` names.
+
+    Raises:
+        TaskError: There is no such file, module or function.
+    """
+    module, attribute = _named(name, option, "FILE.py:FUNCTION or MODULE:FUNCTION")
+    if not attribute:
+        raise TaskError(f"{option}: name the function, {name}:FUNCTION")
+    function = attribute_of(module, attribute, option)
+    if not callable(function):
+        raise TaskError(f"{option}: `{attribute}` is a {type(function).__name__}, not a function")
+    return cast(Callable[..., Any], function)
+
+
+def _named(name: str, option: str, forms: str) -> tuple[ModuleType, str]:
+    """Import the module or file of a name; return it and what follows the colon."""
+    where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
+    if not where or (colon and not attribute):
+        raise TaskError(f"{option}: expected {forms}")
+    if where.endswith(".py"):
+        return import_file(Path(where), option), attribute
+    return _import_module(where, Path(), option), attribute
 
 
 def import_file(file: Path, option: str) -> ModuleType:

@@ -90,7 +90,7 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
     `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
     """
     if source == "domain":
-        return "the rewards of the domain file"
+        return "the rewards of the domain file; the returns shown are the environment's"
     if source == "sum":
         return "the environment's reward plus those of the domain file"
     if not in_file:
@@ -137,10 +137,13 @@ class Task:
             other. A run with them needs no task to be opened again.
         planners: Further planners by name, for the setting `planner.name`: a function (fluent →
             value) → name of a ground action, None for no advice.
+        learners: Further learners by name, for the setting `learner.name`: a function with the
+            arguments of `serp.learning.dqn.DQN`, which returns a learner.
         draw: Draws a state, for `serp studio`: fluent → value, and returned an `svg` element as
             text. Colours may be the page's, such as `var(--ink)`, which is light in the dark.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
+        code: `FILE.py:FUNCTION` where `--task` named that, the file in full; a run records it.
     """
 
     make_env: Callable[..., gym.Env[Any, Any]]
@@ -154,9 +157,11 @@ class Task:
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     world: WorldOptions | None = None
     planners: Mapping[str, Advise] = field(default_factory=dict)
+    learners: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
     draw: Draw | None = None
     counters: Sequence[str] = ()
     description: str = ""
+    code: str = ""
 
     @property
     def closed(self) -> bool:

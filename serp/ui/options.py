@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import hashlib
+import json
 import shlex
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -30,6 +34,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 _TASK = f"{__name__}.task"
 _SETTINGS = f"{__name__}.settings"
+_TRUSTED = "tasks.json"
 
 
 def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
@@ -155,7 +160,60 @@ def asked_own_task() -> Task | None:
         return None
     from serp.tasks.registry import custom_task
 
-    return custom_task(name)
+    task = custom_task(name)
+    if task.code:
+        _trust(_file_of(task.code))
+    return task
+
+
+def recorded_task(folder: Path) -> Task | None:
+    """Return the task that a run was made of by `--task FILE.py`, or None for any other run.
+
+    It is code. The user is asked before a file runs which they have not run before, or which has
+    changed since.
+    """
+    from serp.runs.run_config import read_metadata
+    from serp.tasks.registry import custom_task
+
+    code = read_metadata(folder)[1].code
+    if not code or not (file := _file_of(code)).is_file():
+        return None
+    if _trusted().get(str(file)) != _digest(file):
+        give = f"{folder} was made of {file}, which you have not run, or which has changed."
+        if not sys.stdin.isatty():
+            raise SerpError(f"{give} To run it, add --task {shlex.quote(code)}")
+        click.confirm(f"{give} Run it?", abort=True, err=True)
+        _trust(file)
+    return custom_task(code)
+
+
+def _file_of(code: str) -> Path:
+    return Path(code[: code.rindex(".py") + 3])
+
+
+def _trusted() -> dict[str, str]:
+    """Return the task files that the user has run: file → digest."""
+    try:
+        read = json.loads((Path(click.get_app_dir("serp")) / _TRUSTED).read_text("utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return read if isinstance(read, dict) else {}
+
+
+def _trust(file: Path) -> None:
+    """Remember that the user has run a task file; without a writable home they are asked again."""
+    from serp._util.files import write_durably
+
+    known, digest = _trusted(), _digest(file)
+    if known.get(str(file)) != digest:
+        folder = Path(click.get_app_dir("serp"))
+        with contextlib.suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            write_durably(folder / _TRUSTED, json.dumps({**known, str(file): digest}))
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def asked_task(domain: str | None) -> Task:
@@ -220,10 +278,10 @@ def asked_settings(
 
 
 def open_run(folder: Path) -> Run:
-    """Open a run with the task of `--task`."""
+    """Open a run with the task of `--task`, or with the one that it was made of."""
     from serp.runs.run import load_run
 
-    return load_run(folder, asked_own_task())
+    return load_run(folder, asked_own_task() or recorded_task(folder))
 
 
 def rolled_out(

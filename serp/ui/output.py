@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -84,14 +85,17 @@ def print_next(*commands: tuple[str, str]) -> None:
     print_table(("", ""), [(f"  {command}", why) for command, why in commands])
 
 
-def print_difference(old: str, new: str, old_name: str, new_name: str) -> None:
-    """Print the unified difference of two versions of a text."""
+def print_difference(
+    old: str, new: str, names: tuple[str, str] | None = None, *, context: int = 2, indent: str = ""
+) -> None:
+    """Print the unified difference of two versions of a text, below their names if given."""
     colours = {"+": "green", "-": "red", "@": "cyan"}
     lines = difflib.unified_diff(
-        old.splitlines(), new.splitlines(), old_name, new_name, n=2, lineterm=""
+        old.splitlines(), new.splitlines(), *(names or ("", "")), n=context, lineterm=""
     )
-    for line in lines:
-        click.secho(visible(line), fg=colours.get(line[:1]), bold=line.startswith(("+++", "---")))
+    for line in itertools.islice(lines, 0 if names else 2, None):
+        bold = names is not None and line.startswith(("+++", "---"))
+        click.secho(indent + visible(line), fg=colours.get(line[:1]), bold=bold)
 
 
 def print_json(value: Any) -> None:

@@ -74,6 +74,8 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
 def say(text: str, head: str = "") -> None:
     """Write a line to standard error after a head in red; do nothing if it is closed."""
     with contextlib.suppress(OSError, ValueError):
+        sys.stdout.flush()  # what was printed before stands before it
+    with contextlib.suppress(OSError, ValueError):
         click.echo(click.style(head, fg="red", bold=True) * bool(head) + visible(text), err=True)
 
 

@@ -39,6 +39,7 @@ def texts_of(node):
 
 def test_messages_that_are_explained_are_those_of_the_code():
     page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
+    page = page.partition("## By message")[2]
     quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
     assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 20
     said = "\n".join(
@@ -115,7 +116,7 @@ def test_the_reference_has_every_command_in_the_sections_of_the_help():
 
 def test_the_reference_has_every_public_name():
     text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
-    named = re.findall(r"^\.\. auto\w+:: serp\.(\w+)$", text, re.M)
+    named = re.findall(r"^   serp\.(\w+)$", text, re.M)
     assert sorted(named) == sorted({*serp.__all__} - {"__version__"})
 
 

@@ -18,6 +18,7 @@ def one_blas_thread():
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """The working directory, empty."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", f"{tmp_path}-config")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

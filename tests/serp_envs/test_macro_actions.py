@@ -86,6 +86,18 @@ def test_what_is_wrong_is_named():
         env.step(1)
     with pytest.raises(ValueError, match="1 step or more, not"):
         option(along, steps=0)
+    with pytest.raises(TypeError, match="a controller is a function"):
+        option(np.ones(1), steps=3)
+    env = MacroActions(gymnasium.make("Pendulum-v1"), {"along": along})
+    env.reset()
+    with pytest.raises(TypeError, match=r"yields controls, but this one returned .*; write option"):
+        env.step(0)
+
+
+def test_steps_bound_a_generator():
+    env = MacroActions(gymnasium.make("Pendulum-v1"), {"short": option(there_and_back, steps=2)})
+    env.reset(seed=0)
+    assert env.step(0)[4]["steps"] == 2
 
 
 def test_a_sub_task_begins_where_its_option_ends_and_ends_with_a_step_to_where_it_is_over():

@@ -32,6 +32,7 @@ class StableBaselines3:
 
     Attributes:
         model: The model.
+        first_update: Env steps until the first round of updates.
     """
 
     def __init__(self, make: Callable[[], BaseAlgorithm], rollout: Callable[[Any], int]) -> None:
@@ -41,6 +42,8 @@ class StableBaselines3:
         # The default logger makes a folder, even if it writes nothing.
         self._rollout = rollout(self.model)
         self.model.set_logger(Logger(None, []))
+        rounds = getattr(self.model, "learning_starts", 0) // self._rollout + 1
+        self.first_update = rounds * self._rollout
 
     def learn(self, env_steps: int) -> None:
         """Train for exactly this number of env steps.

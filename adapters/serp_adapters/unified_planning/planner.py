@@ -36,7 +36,7 @@ _GRACE: Final = 1.0
 
 
 def make(model: TransitionModel, settings: PlannerSettings) -> PlanFollower:
-    """Return the planner that `settings.name` describes, `up:ENGINE` or `up:ENGINE:SECONDS`.
+    """Return the planner that follows plans of an engine of unified-planning, `up:ENGINE`.
 
     Raises:
         SettingsError: There is no such engine, or it does not take what the file says.

@@ -57,12 +57,11 @@ class Decider:
         No environment is made: of several ground actions that are one action of the environment,
         each decides by itself. What the scenarios give a value to is observed.
         """
-        own = {} if task is None else task.planners
-        refuse_unknown_names(settings, own)
+        refuse_unknown_names(settings, task)
         domain = observed_in(source, domain)
         model = domain.model.replace(dt=dt)
         actions = ActionMap(model, len(model.actions))
-        planner = make_planner(model, settings.planner, own)
+        planner = make_planner(model, settings.planner, None if task is None else task.planners)
         vetoes = VetoPolicy(actions, settings.arbiter, settings.planner.depth)
         arbiter = Arbiter(planner, actions, settings.arbiter, vetoes=vetoes)
         return cls(arbiter, domain, settings.planner)

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from serp._util.plugins import find, first_line, loading, offered
 from serp.errors import SettingsError
+from serp.planning.plan_follower import Advise
 from serp.settings import Changes, Settings, assigned, resolve
+from serp.tasks.registry import custom_function
 from serp.tasks.task import Task
 
 GROUP: Final = "serp.algorithms"
@@ -21,7 +23,10 @@ GROUP: Final = "serp.algorithms"
 
 
 class ExternalAlgorithm(Protocol):
-    """A learner of another library, with its environment."""
+    """A learner of another library, with its environment.
+
+    One that has `first_update`, the env steps until its first update, is refused with less budget.
+    """
 
     def learn(self, env_steps: int) -> None:
         """Train for this number of env steps."""
@@ -39,6 +44,10 @@ DQN: Final = "dqn"
 """The algorithm that is only the learner: the baseline."""
 
 
+BASELINE: Final = "baseline="
+"""Begins the name of an algorithm that is a controller of the user's."""
+
+
 @dataclass(frozen=True)
 class Algorithm:
     """One algorithm.
@@ -52,6 +61,7 @@ class Algorithm:
         changes: Its changes to the preset.
         domain: Name of its domain file; empty for the task's own.
         make_external: Makes an external algorithm; None for others.
+        advise: A controller of the user's, which acts in place of the planner; None for others.
     """
 
     name: str
@@ -61,6 +71,7 @@ class Algorithm:
     changes: Changes = field(default_factory=dict)
     domain: str = ""
     make_external: MakeExternalAlgorithm | None = None
+    advise: Advise | None = None
 
     def changed(self, name: str, changes: Changes) -> Algorithm:
         """Return the algorithm with some settings changed, under a new name."""
@@ -121,6 +132,15 @@ OWN: Final[Mapping[str, Algorithm]] = {
 """The algorithms of this library, by name."""
 
 
+def given(name: str) -> str:
+    """Return what an algorithm is given beside observations and rewards."""
+    if name.startswith(BASELINE):
+        return "your controller, domain file"
+    base = name.partition(":")[0].partition("@")[0]
+    kind = OWN[base].kind if base in OWN else "external"
+    return {"guided": "domain file, the planner's steps", "planner": "domain file"}.get(kind, "–")
+
+
 def algorithm_entries() -> dict[str, EntryPoint]:
     """Return the installed external algorithms by name, without importing them."""
     return offered(GROUP)
@@ -131,11 +151,18 @@ def find_algorithm(name: str) -> Algorithm:
 
     `serp:learner.members=1` is `serp` with a setting changed; several changes are separated by
     semicolons. `serp@cartpole-reversed` is `serp` with another domain file.
+    `baseline=FILE.py:FUNCTION` is a controller of the user's, a function as in `Task.planners`.
 
     Raises:
         SettingsError: There is no such algorithm, it uses no domain file, or a change has another
             form.
+        TaskError: There is no such controller.
     """
+    if name.startswith(BASELINE):
+        advise = custom_function(name.removeprefix(BASELINE), f"--{name}")
+        own: Changes = {"planner": {"name": name}}
+        alone = OWN[PLANNER].changed(name, own)
+        return replace(alone, description=first_line(advise) or "your controller", advise=advise)
     known, colon, text = name.partition(":")
     base, at, domain = known.partition("@")
     if base in OWN:

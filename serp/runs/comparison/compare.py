@@ -20,7 +20,7 @@ from serp._util.files import make_inside, read_regular, write_durably
 from serp.agent.agent import Agent
 from serp.errors import Interrupted, RunError, SettingsError, needs_extra
 from serp.model.domain import load_domain
-from serp.runs.comparison.algorithms import DQN, PLANNER, find_algorithm
+from serp.runs.comparison.algorithms import BASELINE, DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
 from serp.runs.comparison.trial import (
@@ -44,6 +44,7 @@ class CompareSettings(TrialsRequest):
     """The options of `serp.compare`, which describes them; None stands for the default."""
 
     algorithms: tuple[str, ...] = Field((), strict=False)
+    baseline: str | None = None
     env_steps: PositiveInt | None = None
     threshold: FiniteFloat | None = None
     evaluate_every: PositiveInt | None = None
@@ -135,8 +136,11 @@ def _planned(
                 f"this comparison has {name} = {own[name]}, not {value}: all of its trials have "
                 "the same task and protocol. Compare in another folder (--out)."
             )
+    own_baseline = () if request.baseline is None else (f"{BASELINE}{request.baseline}",)
     update = {
-        "algorithms": tuple(dict.fromkeys((*before.algorithms, *request.algorithms))),
+        "algorithms": tuple(
+            dict.fromkeys((*before.algorithms, *request.algorithms, *own_baseline))
+        ),
         "seeds": tuple(sorted({*before.seeds, *request.seeds})),
         "settings": request.settings or before.settings,
         "threshold": before.threshold if request.threshold is None else request.threshold,
@@ -174,11 +178,23 @@ def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
     place, jobs = folder.absolute() / "trials", []
     for algorithm in map(find_algorithm, plan.algorithms):
         task = _with_domain_file(bound, algorithm.domain)
+        if algorithm.advise is not None:
+            own = {**task.planners, algorithm.name: algorithm.advise}
+            task = dataclasses.replace(task, planners=own)
         settings = algorithm.settings(task, plan.settings)
         if algorithm.make_external is None:
-            Agent(bound, settings, plan.seeds[0])
+            with task.bind() as other:
+                Agent(other, settings, plan.seeds[0])
         else:
-            make_external(algorithm, bound, settings, plan.seeds[0])
+            *_, external = make_external(algorithm, bound, settings, plan.seeds[0])
+            first = getattr(external, "first_update", 0)
+            if first > plan.protocol.env_steps:
+                raise SettingsError(
+                    f"`{algorithm.name}` first learns after {first:,} env steps, "
+                    f"and the budget is {plan.protocol.env_steps:,}: its curve would be that of an "
+                    f"untrained network. Give at least --env-steps {first}, or "
+                    "leave it out."
+                )
         for seed in plan.seeds:
             trial_folder = place / f"{file_name(algorithm.name)}-{seed}"
             jobs.append(Job(algorithm, seed, task, settings, plan.protocol, trial_folder))
@@ -225,6 +241,8 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
               with the first. `serp:learner.members=1` is `serp` with a setting changed, and
               `serp@cartpole-reversed` is `serp` with another domain file of the task. By default
               `serp`, `mrp` and `dqn`.
+            * `baseline`: a controller of your own to compare with, `FILE.py:FUNCTION` or
+              `MODULE:FUNCTION`: a function as in `serp.Task.planners`.
             * `seeds`: number of seeds, from 0 on, or a list of seeds; 5 by default.
             * `env_steps`: budget of each trial; by default `training.env_steps` of the task.
             * `settings`: section → setting → value; applies to all of serp's algorithms.

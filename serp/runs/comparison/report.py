@@ -23,7 +23,7 @@ from serp._util.files import make_inside, write_durably
 from serp._util.templates import render as render_template
 from serp._util.terminal import visible
 from serp._util.text import readable
-from serp.runs.comparison.algorithms import PLANNER
+from serp.runs.comparison.algorithms import PLANNER, given
 from serp.runs.comparison.statistics import (
     RESAMPLES,
     Curves,
@@ -45,11 +45,14 @@ Content = tuple[list[str], list[list[str]]]
 def write_report(folder: Path, results: Results, jobs: Sequence[Job]) -> None:
     """Write the report of a comparison, complete or not.
 
-    `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, and `measures.csv`. Files
-    of an earlier report are replaced.
+    `report.html` (which embeds its figures), `figures/*.png` and `*.svg`, `measures.csv`, and
+    `overview.tex`. Files of an earlier report are replaced.
     """
     make_inside(folder, "figures")
-    files: dict[str, bytes | str] = {"measures.csv": measures_csv(results)}
+    files: dict[str, bytes | str] = {
+        "measures.csv": measures_csv(results),
+        "overview.tex": latex(overview(results)),
+    }
     embedded = {}
     for name, figure in figures(results).items():
         svg = render(figure, "svg")
@@ -115,7 +118,24 @@ def overview(results: Results) -> Content:
     names = ["training_area", "final_learner", "final_policy", "threshold_env_steps", "unsafe"]
     if results.plan.threshold is None:
         names.remove("threshold_env_steps")
-    return _measured(results, [m for name in names for m in results.measures if m.name == name])
+    measures = [m for name in names for m in results.measures if m.name == name]
+    (first, *head), rows = _measured(results, measures)
+    told = [[name, given(name), *cells] for name, *cells in rows]
+    return [first, "beside observations and rewards", *head], told
+
+
+def latex(content: Content) -> str:
+    """Return a table for LaTeX, with the package booktabs."""
+    special = {c: f"\\{c}" for c in "&%$#_{}"} | {"−": "$-$", "–": "--", "\\": "/"}
+    head, rows = content
+    lines = [
+        " & ".join("".join(special.get(c, c) for c in cell) for cell in cells) + r" \\"
+        for cells in (head, *rows)
+    ]
+    begin = rf"\begin{{tabular}}{{ll{'r' * (len(head) - 2)}}}"
+    return "\n".join([
+        begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}", ""
+    ])  # fmt: skip
 
 
 def values_table(results: Results, name: str) -> Content:

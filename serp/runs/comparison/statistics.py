@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import trapezoid
 from scipy.stats import bootstrap, trim_mean
 
+from serp._util.text import plural, readable
 from serp.runs.comparison.trial import Record, Trial
 from serp.runs.summary import WINDOW, moving_mean
 
@@ -325,6 +326,26 @@ class Results:
         if fewest >= ENOUGH:
             return None
         return f"Few seeds ({fewest}): intervals are rough. Take at least {ENOUGH}."
+
+    @property
+    def verdicts(self) -> list[str]:
+        """Whether the training returns of the others differ from those of the first algorithm."""
+        first, lines = self.algorithms[0] if self.algorithms else "", []
+        for other in self.algorithms[1:]:
+            found = self.estimate("training_area", first, other)
+            seeds = {len(self.known(name, "training_area")) for name in (first, other)}
+            count = plural(min(seeds), "seed")
+            if found.low is None or found.high is None:
+                lines.append(f"{count} cannot tell {first} and {other} apart.")
+                continue
+            ends = f"difference {readable(found.value)}, 95 % interval {readable(found.low)} to "
+            ends += f"{readable(found.high)}, {count} each"
+            if found.low <= 0.0 <= found.high:
+                lines.append(f"{first} and {other}: no clear difference in training ({ends}).")
+            else:
+                word = "more" if found.value > 0 else "less"
+                lines.append(f"{first} returns {word} than {other} in training ({ends}).")
+        return [*lines, *([self.caution] if self.caution else [])]
 
     def values(self, algorithm: str, name: str) -> Array:
         """Return a measure of every trial of an algorithm, by seed.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 from serp._util.text import measured, percent_measured, plain, plural, readable
 from serp.model.ground_model import GroundModel, Parameter
@@ -262,6 +263,18 @@ class Findings:
     missing: tuple[MissingEffect, ...] = ()
     stochastic: tuple[StochasticEffect, ...] = ()
     rules: tuple[RuleFinding, ...] = ()
+
+    @classmethod
+    def of(cls, finding: Finding) -> Self:
+        """Return a single finding as findings."""
+        match finding:
+            case ParameterFinding():
+                return cls(parameters=(finding,))
+            case MissingEffect():
+                return cls(missing=(finding,))
+            case StochasticEffect():
+                return cls(stochastic=(finding,))
+        return cls(rules=(finding,))
 
 
 def _where(finding: Finding) -> str:

@@ -203,7 +203,7 @@ def _print(check: _CheckedDomain, *, first: bool) -> None:
     wrong, warned = counts["error"], counts["warning"]
     style = "bold red" if wrong else "bold yellow" if warned else "bold green"
     parts = [plural(count, kind) for kind, count in counts.items() if count]
-    headline = ", ".join(parts if wrong or warned else ["right", *parts])
+    headline = ", ".join(parts if wrong else ["well formed", *parts])
     if check.failure:
         headline = "not checked"
     show("\n" * (not first) + f"{check.name}: {headline}", style=style)

@@ -10,31 +10,34 @@ import click
 
 from serp._util.text import percent, plural, readable
 from serp.errors import SerpError, needs_extra
-from serp.ui.options import OutputFile, command, json_option, run_argument
-from serp.ui.output import print_difference, print_json, print_table, show
+from serp.ui.options import OutputFile, again, command, json_option, run_argument
+from serp.ui.output import print_difference, print_json, print_next, print_table, show
 from serp.ui.root import say
 
 if TYPE_CHECKING:
     from serp.model.learned.adoption import WorthAdoption
     from serp.runs.diagnosis.diagnosis import Diagnosis
+    from serp.runs.diagnosis.findings import Finding
     from serp.runs.run import Run
 
 
 @command(
     "serp diagnose runs/seven",
-    "serp diagnose runs/seven --svg diagnosis.svg",
+    "serp diagnose runs/seven --all --svg diagnosis.svg",
     "serp diagnose runs/seven --json > diagnosis.json",
 )
 @run_argument
 @json_option
+@click.option("--all", "everything", is_flag=True,
+              help="Show all findings, and the errors of each fluent.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="Draw predicted against observed there.")  # fmt: skip
-def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
+def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN.
 
     The predictions of the file are compared with the run's newest steps (up to 20,000): fluents,
-    rewards and ends. The most costly findings come first. The environment is not needed, and
-    nothing is changed.
+    rewards and ends. The three most costly findings are shown, each with the edit that `serp
+    repair` makes. The environment is not needed, and nothing is changed.
     """
     if svg is not None:
         with needs_extra("plots", "a picture of a diagnosis"):
@@ -47,13 +50,19 @@ def diagnose(run: Path, as_json: bool, svg: Path | None) -> None:
     if as_json:
         print_json(diagnosing.as_dict(diagnosis))
     else:
-        _print_diagnosis(diagnosis)
+        _print_diagnosis(diagnosis, everything=everything)
     if svg is not None:
         write_durably(svg, picture(diagnosis, "svg"))
         say(f"Predicted against observed is drawn in {svg}")
 
 
-def _print_diagnosis(diagnosis: Diagnosis) -> None:
+_FIRST = 3
+"""Findings that are shown without `--all`."""
+
+
+def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
+    from serp.runs.oscillation import oscillation
+
     recorded, sample = diagnosis.recorded, diagnosis.steps.sample
     file = next(iter(recorded.metadata["domain_files"].values()), recorded.domain.name)
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
@@ -65,10 +74,42 @@ def _print_diagnosis(diagnosis: Diagnosis) -> None:
     if recorded.made.learned_from == "environment":
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)
-    if diagnosis.remarks:
-        show()
-        rows = [(percent(remark.share), remark.text) for remark in diagnosis.remarks]
-        print_table(("of its error", "finding"), rows, right=[0])
+    if (told := oscillation(recorded, recorded.recording())) is not None:
+        show(f"\n{told}")
+    remarks = diagnosis.remarks if everything else diagnosis.remarks[:_FIRST]
+    for number, remark in enumerate(remarks, 1):
+        show(f"\n{number}. {remark.text}.")
+        names = " and ".join(f"({name})" for name in sorted(remark.finding.symbols))
+        show(f"   This explains {percent(remark.share)} of the error of {names}.")
+        _print_edit(recorded, remark.finding)
+    if everything:
+        _print_errors(diagnosis)
+    elif rest := len(diagnosis.remarks) - len(remarks):
+        show(f"\n{plural(rest, 'finding')} more, and the error of each fluent: --all")
+    if remarks:
+        print_next(
+            (again("repair", str(recorded.path)), "all edits together, as a difference"),
+            (again("repair", str(recorded.path), "-o", "FILE.pddl"), "write the repaired file"),
+        )
+
+
+def _print_edit(recorded: Run, finding: Finding) -> None:
+    """Print the change of the file that `serp repair` makes for one finding."""
+    from serp.runs.diagnosis.findings import Findings, RuleFinding
+    from serp.runs.diagnosis.repair import repair
+
+    if isinstance(finding, RuleFinding):
+        show("   Rewards and ends define the task: `serp repair` writes a comment.")
+        return
+
+    old = recorded.domain.source.text
+    print_difference(
+        old, repair(recorded.domain, Findings.of(finding)).text, context=0, indent="   "
+    )
+
+
+def _print_errors(diagnosis: Diagnosis) -> None:
+    """Print the error of each quantity, and how well rewards and ends were predicted."""
     quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
     if quantities:
         show()
@@ -84,7 +125,7 @@ def _print_diagnosis(diagnosis: Diagnosis) -> None:
             for quantity in quantities
         ]
         print_table(head, table, right=range(1, 4))
-    adoption = recorded.adaptation.adoption
+    adoption = diagnosis.recorded.adaptation.adoption
     show(f"\nThe run planned with this model: {adoption}")
     _print_worth(adoption.worth)
 
@@ -119,9 +160,10 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
 @run_argument
 @click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
               help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
+@click.option("--dry-run", is_flag=True, help="Only show what changes, and write nothing.")
 @click.option("--force", is_flag=True,
               help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
-def repair(run: Path, out: Path | None, force: bool) -> None:
+def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
     Numbers are changed where they stand, and missing effects are added, each with its evidence as
@@ -133,6 +175,8 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
     from serp.runs.diagnosis.diagnosis import make_diagnosis, read_recorded
 
     recorded = read_recorded(run)
+    if dry_run:
+        out = None
     if out is not None:
         _refuse_to_replace(recorded, out, force)
     diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
@@ -142,7 +186,7 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
     changes = plural(len(repaired.changes), "change")
     if repaired.changes:
         new_name = "repaired" if out is None else str(out)
-        print_difference(recorded.domain.source.text, repaired.text, Path(name).name, new_name)
+        print_difference(recorded.domain.source.text, repaired.text, (Path(name).name, new_name))
     else:
         unwritten = "" if out is None else f", and {out} was not written"
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")

@@ -84,7 +84,7 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
                 continue
             changed += 1
             if diff:
-                print_difference(before.text, after.text, before.name, f"{after.name} (changed)")
+                print_difference(before.text, after.text, (before.name, f"{after.name} (changed)"))
             elif check:
                 click.echo(f"{file}: would change")
             else:

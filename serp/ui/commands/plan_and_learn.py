@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp._util.text import plural
+from serp._util.text import duration, percent, plural, sparkline
 from serp.ui.commands.trained import print_account
 from serp.ui.options import (
     again,
@@ -17,15 +17,17 @@ from serp.ui.options import (
     domain_option,
     own_task_name,
     own_task_option,
+    recorded_task,
     refuse_given,
     seed_option,
     setting_option,
     settings_option,
 )
-from serp.ui.output import print_next, print_result, show
+from serp.ui.output import print_next, print_result, print_table, show
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
+    from serp.tasks.task import Task
 
 
 @command(
@@ -55,9 +57,17 @@ if TYPE_CHECKING:
 @setting_option("--num-envs", "training.num_envs", metavar="N",
                 what="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @settings_option
+@click.option("-v", "--verbose", is_flag=True,
+              help="At the end, also why this is the policy, how far the planner saw, and what the "
+                   "model learned.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
 def plan_and_learn(
-    domain: str | None, out: Path | None, resume: Path | None, quiet: bool, **options: Any
+    domain: str | None,
+    out: Path | None,
+    resume: Path | None,
+    verbose: bool,
+    quiet: bool,
+    **options: Any,
 ) -> None:
     """Train on a task, or continue a training.
 
@@ -72,31 +82,58 @@ def plan_and_learn(
     if resuming:
         begun_with = ("out", "preset", "seed", "adapt", "planner", "num_envs", "settings")
         refuse_given(begun_with, "cannot change in a run that is resumed")
-    named = domain or own_task_name() or not resuming
-    task = asked_task(domain) if named else str(resume)
+    task: Task | str
+    if resume is None or domain or own_task_name():
+        task = asked_task(domain)
+    else:
+        task = recorded_task(resume) or str(resume)
     from serp.runs import train
 
     try:
         run = train.plan_and_learn(task, out=resume or out, resume=resuming, quiet=quiet, **options)
     except BaseException as error:
         own = own_task_name()
-        if own and hasattr(error, "__notes__"):  # they say how the run goes on
+        of_module = own is not None and not own.partition(":")[0].endswith(".py")
+        if own and of_module and hasattr(error, "__notes__"):  # they say how the run goes on
             add = f"--task {shlex.quote(own)}"
             error.add_note(f"and add {add} to the command, for this task is not installed")
         raise
     if quiet:
         print_result(run.path)
     else:
-        _print_results(run)
+        _print_results(run, verbose=verbose)
 
 
-def _print_results(run: Run) -> None:
-    from serp.runs.results import lead, title
+def _print_results(run: Run, *, verbose: bool) -> None:
+    """Print the figures that the display of the training had, and what to do next."""
+    from serp.runs.folder import METRICS
+    from serp.runs.oscillation import oscillation
+    from serp.runs.results import return_of, title
+    from serp.runs.tables import read_metrics
 
     summary, path = run.summary, str(run.path)
+    acted = {actor: share for actor, share in summary["shares"].items() if share}
+    shares = ", ".join(f"{actor} {percent(share)}" for actor, share in acted.items())
     show(f"\n{path}: {title(summary)}")
-    show(f"{lead(summary)} {plural(summary['vetoes'], 'proposal')} refused.\n")
-    print_account(summary, summary["sight"])
+    steps = plural(summary["env_steps"], "environment step")
+    unsafe = f"{plural(summary['unsafe_executed'], 'unsafe action')} executed, "
+    unsafe += f"{plural(summary['unsafe_observed'], 'step')} observed unsafe, "
+    rows = [
+        ("steps", f"{steps}, {plural(summary['episodes'], 'episode')}"),
+        (
+            "return",
+            f"{return_of(summary)}  {sparkline(read_metrics(run.path / METRICS)['return'])}",
+        ),
+        ("who acted", f"{shares or '–'}; trained policy: {summary['trained_policy']}"),
+        ("safety", f"{unsafe}{plural(summary['vetoes'], 'proposal')} refused"),
+        ("time", duration(summary["wall_time"])),
+    ]
+    print_table(("", ""), rows)
+    if (told := oscillation(run, run.recording())) is not None:
+        show(f"\n{told}")
+    if verbose:
+        show()
+        print_account(summary, summary["sight"])
     print_next(
         (again("evaluate", path), "how good it is now, without exploration"),
         (again("plan", path), "what its planner sees, and why"),

@@ -76,7 +76,7 @@ def play(
     file = find_domain_file(name)
     domain, task = asked_domain(name, problem)
     resolved, dt = asked_settings(task, settings, dt)
-    refuse_unknown_names(resolved, {} if task is None else task.planners)
+    refuse_unknown_names(resolved, task)
     if not assignments and (domain.problem_syntax is None or not domain.problem_syntax.has_init):
         show(
             f"{domain.source.name} has no problem with an :init: numbers begin at 0, and all else "

@@ -14,7 +14,6 @@ from serp.errors import needs_extra
 from serp.runs import Policy
 from serp.ui.options import (
     OutputFile,
-    asked_own_task,
     command,
     json_option,
     open_run,
@@ -54,6 +53,7 @@ def why(
     would have had to differ for it. Without a step, the last refused proposal that was applicable
     is explained, else the last unsafe step, else the last refused proposal, else the last step.
     """
+    from serp.runs.oscillation import oscillation
     from serp.runs.run import Run
     from serp.runs.step_account import account_of_step, most_telling
 
@@ -71,6 +71,8 @@ def why(
         print_json({**about, "because": because, **account.as_dict()})
     else:
         _print_step(read, account, because)
+        if (told := oscillation(read, recording)) is not None:
+            show(f"\n{told}")
 
 
 def _print_step(run: Run, account: StepAccount, because: str) -> None:
@@ -115,11 +117,10 @@ def report(run: Path, out: Path | None, **options: Any) -> None:
     It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
     its alternatives and the lines of the file behind the executed and the refused action.
     """
-    from serp.runs.run import load_run
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    write_report(load_run(run, asked_own_task()), path, **options)
+    write_report(open_run(run), path, **options)
     _print_size(path)
 
 

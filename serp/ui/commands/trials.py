@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp._util.text import readable
+from serp._util.text import measured, readable
 from serp.ui.options import (
     Decorator,
     again,
@@ -78,6 +79,7 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
     "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
     "serp compare --domain cartpole --algorithms dqn,serp,serp@cartpole-reversed",
     "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+    "serp compare --domain cartpole --baseline controllers.py:lean",
     "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
@@ -85,6 +87,9 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
                    "with a setting changed, NAME@FILE one with another domain file. May be "
                    "repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
+@click.option("--baseline", metavar="FILE.py:FUNCTION",
+              help="A controller of your own to compare with: a function from the values of the "
+                   "fluents to the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
@@ -125,11 +130,13 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
     show()
     print_table(*comparison.overview())
-    if comparison.results.caution is not None:
-        show(f"\n{comparison.results.caution}")
+    show()
+    for line in comparison.results.verdicts:
+        show(line)
     print_next(
         (str(path / "report.html"), "the whole comparison on one page"),
-        (str(path / "measures.csv"), "all measures, a row a trial"),
+        (str(path / "measures.csv"), "all measures, a row a trial; overview.tex for LaTeX"),
+        (str(path / "figures" / "training.png"), "the training returns as a picture"),
         (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
         (more, "more seeds; what is there is kept"),
     )
@@ -182,10 +189,16 @@ def _text(value: Any) -> str:
 def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None) -> None:
     compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
     compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
-    before = "" if tuned.before is None else f" ({readable(tuned.before)} as they were)"
+    show(f"\nBest of {tuned.trials} trials: {readable(tuned.value)}.")
+    if tuned.gain is not None:
+        gain, error = tuned.gain
+        show(f"The settings as they were: {readable(tuned.before)}. Gain: {measured(gain, error)}.")
+        if math.isnan(error):
+            show("One seed does not show the noise; give more with --seeds.")
+        elif gain <= 2 * error:
+            show("The gain is within the noise of the seeds (two standard errors).")
     show()
-    rows = [(text, "") for text in assignments]
-    print_table((f"best of {tuned.trials}: {readable(tuned.value)}{before}", ""), rows)
+    print_table(("", ""), [(text, "") for text in assignments])
     print_next(
         (compare, "whether they are better, with other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),

@@ -7,6 +7,7 @@ import pytest
 from gymnasium.wrappers import NormalizeObservation, TimeLimit
 
 from serp.errors import RunError, SettingsError, TaskError
+from serp.learning.dqn import DQN
 from serp.runs.run import Run, load_run
 from serp.runs.train import plan_and_learn
 from tests.serp.runs.runs import everything, resume, train
@@ -136,12 +137,13 @@ def test_metadata_that_does_not_fit_is_refused(tmp_path):
             Run(file.parent)
 
 
-def test_a_run_with_a_planner_of_its_own_resumes_as_if_uninterrupted(tmp_path):
+def test_a_run_with_planner_and_learner_of_its_own_resumes_as_if_uninterrupted(tmp_path):
     settings = {"*": {**SMALL, "planner": {"name": "rightwards", "depth": 2}}}
-    planners = {"rightwards": lambda state: "right"}
-    task = corridor(tmp_path, planners=planners, settings=settings)
+    settings["*"]["learner"] = {**SMALL.get("learner", {}), "name": "mine"}
+    own = {"planners": {"rightwards": lambda state: "right"}, "learners": {"mine": DQN}}
+    task = corridor(tmp_path, **own, settings=settings)
     run = train(task, tmp_path / "whole", episodes=6)
     assert run.evaluate("planner", episodes=1, quiet=True).returns
     train(task, tmp_path / "half", episodes=3)
-    resume(corridor(tmp_path, planners=planners), tmp_path / "half", episodes=6)
+    resume(corridor(tmp_path, **own), tmp_path / "half", episodes=6)
     assert everything(tmp_path / "half") == everything(tmp_path / "whole")

@@ -64,6 +64,9 @@ def test_a_study_finds_the_best_and_one_that_goes_on_equals_an_uninterrupted_one
         assert values == [getattr(trial, name) for trial in parts.study.trials]
     assert whole.before == parts.before == whole.study.trials[0].value
     assert whole.value == max(trial.value for trial in whole.study.trials)
+    assert whole.gain == parts.gain
+    assert whole.gain is not None
+    assert whole.gain[0] == pytest.approx(whole.value - whole.before)
     assert whole.settings["learner"]["hidden"] in ((8,), (16, 16))
     run = load_run(whole.path / "trials" / "2-1000", walk(tmp_path))
     hidden = json.loads(whole.study.trials[2].params["learner.hidden"])

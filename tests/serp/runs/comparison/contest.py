@@ -115,6 +115,11 @@ def threads(address, most):
         yield executor, 2
 
 
+def onward(state):
+    """Return the action that leads to the goal."""
+    return "right"
+
+
 # External learners --------------------------------------------------------------------------------
 
 
@@ -150,6 +155,12 @@ class Lazy(Drawing):
         super().learn(env_steps - 10)
 
 
+class Late(Drawing):
+    """Learns after more steps than there are."""
+
+    first_update = 61
+
+
 class Faulty(Drawing):
     """Fails as other people's libraries do."""
 
@@ -167,7 +178,7 @@ class Absent(Drawing):
 
 def external_algorithms():
     """Entry points, as an installed package would offer them."""
-    made = (Drawing, Lazy, Faulty, Absent)
+    made = (Drawing, Lazy, Late, Faulty, Absent)
     return {
         each.__name__.lower(): EntryPoint(
             each.__name__.lower(), f"{__name__}:{each.__name__}", GROUP

@@ -11,6 +11,7 @@ from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.pddl.source import DomainError
 from serp.runs.comparison.compare import compare
 from serp.runs.comparison.trial import file_name
+from tests.serp.runs.comparison import contest
 from tests.serp.runs.comparison.contest import (
     Pothole,
     everything,
@@ -76,6 +77,14 @@ def test_a_domain_file_is_another_algorithm(copy):
     coarse.write_text(CORRIDOR)
     with pytest.raises(RunError, match="was made with another domain file than now"):
         again(copy)
+
+
+def test_a_controller_of_the_user_is_a_baseline(copy):
+    name = f"baseline={contest.__name__}:onward"
+    results = again(copy, baseline=name.removeprefix("baseline=")).results
+    assert results.algorithms[-1] == name
+    assert results.known(name, "final_policy").min() >= results.known("dqn", "final_policy").max()
+    assert f"{name}: no clear difference" in " ".join(again(copy).results.verdicts)
 
 
 def test_settings_are_the_same_when_it_is_continued(tmp_path):
@@ -171,6 +180,8 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["srep"]}, SettingsError, "did you mean `serp`"),
         ({"algorithms": ["dqn:x"]}, SettingsError, "x: expected section.name=value"),
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
+        ({"algorithms": ["late"]}, SettingsError, "first learns after 61 env steps"),
+        ({"baseline": "json:lode"}, TaskError, "--baseline=json:lode: .*did you mean `load`"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
         ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
         ({"task": 3}, TaskError, "not 3"),

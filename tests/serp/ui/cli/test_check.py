@@ -33,7 +33,7 @@ def test_every_file_is_checked_even_where_the_first_is_wrong(run, walk):
     os.mkfifo("pipe.pddl")
     wrong = ("bad.pddl", "nosuch.pddl", "self.pddl", "pipe.pddl", "nosuch", ".")
     result = run("check", *wrong, "walk.pddl", expect=1)
-    assert "walk.pddl: right" in result.stdout
+    assert "walk.pddl: well formed" in result.stdout
     for said in (
         "bad.pddl:10:51: unknown function `walkd`",
         "did you mean `walked`?",

@@ -59,13 +59,26 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run, robot):
     assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
     assert "fit together" in run("check", "--task=my_robot.py").stdout
     run("plan-and-learn", "--task=my_robot.py", "--episodes=1", "--out=runs/one", *QUICK)
-    told = run("evaluate", "runs/one", "--episodes=1", expect=1).stderr
-    assert "there is no task `walkway`" in told
-    assert "--task FILE.py:FUNCTION" in told
-    measured = run("evaluate", "runs/one", "--episodes=1", "--task=my_robot:walkway").stdout
-    assert "return" in measured
-    shown = run("plan", "runs/one", "--task=my_robot.py").stdout
+    for named in ((), ("--task=my_robot:walkway",)):
+        assert "mean return" in run("evaluate", "runs/one", "--episodes=1", *named).stdout
+    shown = run("plan", "runs/one").stdout
     assert "Chosen:" in shown and "The model of runs/one is as written" in shown
+    run("plan-and-learn", "--resume=runs/one", "--episodes=2", "--quiet")
+
+
+def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monkeypatch):
+    run("plan-and-learn", "--task=my_robot.py", "--episodes=1", "--out=one", *QUICK)
+    text = robot.read_text()
+    robot.write_text("raise SystemExit('executed')\n" + text)
+    told = run("evaluate", "one", "--episodes=1", expect=1).stderr
+    assert "which you have not run, or which has changed" in told
+    assert f"add --task {robot.resolve()}" in told
+    robot.write_text(text)
+    run("evaluate", "one", "--episodes=1")
+    monkeypatch.setenv("XDG_CONFIG_HOME", "somebody-else")
+    run("report", "one", expect=1)
+    robot.unlink()
+    assert "there is no task `walkway`" in run("evaluate", "one", expect=1).stderr
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):
@@ -81,4 +94,6 @@ def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run
     assert "reset failed: ZeroDivisionError: division by zero (" in told
     assert "my_broken.py:8)" in told.replace("\n", "")
     assert "serp plan-and-learn --resume runs/one\n" in told
-    assert "add --task my_broken.py to the command" in told
+    Path("my_broken.py").write_text(ROBOT)
+    told = run("plan-and-learn", "--resume=runs/one", expect=1).stderr
+    assert "my_broken.py, which you have not run, or which has changed" in told

@@ -55,7 +55,7 @@ def misled(tmp_path_factory):
 
 def test_a_wrong_number_is_named_with_its_line_and_its_value(run, misled):
     before = {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()}
-    text, shown = run("diagnose", str(misled)).stdout, told(run, str(misled))
+    text, shown = run("diagnose", str(misled), "--all").stdout, told(run, str(misled))
     assert {path.name: path.read_bytes() for path in misled.iterdir() if path.is_file()} == before
     line = CARTPOLE.read_text(encoding="utf-8").split(WRONG)[0].count("\n") + 1
     (remark,) = (r for r in shown["remarks"] if r["line"] == line)
