@@ -43,7 +43,7 @@ protected:
         for (const double* of = rows; of != rows + count * row; of += row) {
             const auto flags = static_cast<Flags>(of[fluents + 1]);
             const double probability = of[fluents + 2];
-            if (probability > likeliest[fluents + 2]) likeliest = of;
+            if (probability > likeliest[fluents + 2] * (1.0 + 1e-9)) likeliest = of;  // not by rounding
             reward += probability * of[fluents];
             risk += probability * (flags & UNSAFE ? 1.0 : risk_units(flags) * RISK_UNIT);
         }

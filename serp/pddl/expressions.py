@@ -310,7 +310,7 @@ def _chance(group: Group, scope: Scope, *, inside_when: bool) -> x.Chance:
             code="unsupported",
         )
     items = group.items[1:]
-    chances: list[float] = [1.0 / len(items)] * len(items) if group.head == "oneof" else []
+    chances: list[float] = [1.0 / len(items) for _ in items] if group.head == "oneof" else []
     effects = items
     if group.head == "probabilistic":
         if not items or len(items) % 2:
