@@ -21,7 +21,7 @@ from serp.pddl.source import Place, comment_of
 from serp.pddl.syntax import Kind
 
 What = Literal["change", "reward", "unsafe", "risk", "end", "failed", "conflict", "undefined"]
-Origin = Literal["action", "event", "process", "goal", "metric", "learned"]
+Origin = Literal["action", "event", "process", "goal", "metric", "chance", "learned"]
 
 
 @dataclass(frozen=True)
@@ -49,14 +49,15 @@ class Cause:
             is neither true nor false, or numbers that are not finite), for both of which the step
             has no result.
         amount: Of `change` and `reward` the difference, of `risk` the probability; else None.
-        origin: The kind of the schema; `goal`, `metric`, or `learned`: what the run learned.
+        origin: The kind of the schema; `goal`, `metric`; `chance`: other outcomes that the file
+            gives the action; or `learned`: what the run learned.
         name: The ground action, process or event; empty for others.
         text: What is written there: the effect or the failed condition, in one line.
         condition: The conditions under which it takes place, as written; empty where always.
         reads: Fluent → value that those conditions, or the failed one, and the effect's number read
             when it takes place.
         comment: What the expert wrote beside or above it; else at its schema.
-        place: Where it is written; None for `learned`.
+        place: Where it is written; None for `chance` and `learned`.
         after: Control periods of the path before the one in which it takes place.
     """
 
@@ -114,13 +115,21 @@ def why_not_applicable(causes: Iterable[Cause]) -> str:
     return "it has no result" if first is None else first.failure()
 
 
-def causes_of(model: TransitionModel, state: Vector, action: int) -> list[Cause]:
+def causes_of(
+    model: TransitionModel, state: Vector, action: int, *, unsafe: bool = False
+) -> list[Cause]:
     """Return what is behind a predicted step of a ground action, in its order.
 
     If the step has no result, this is the failed precondition, or what gives no result and, where
     it is certain by then, what makes the step unsafe. Of an adapted model the likeliest unsafe
-    outcome is traced, if there is one; its amounts are not those of the expected reward.
+    outcome is traced, if there is one; its amounts are not those of the expected reward. Of an
+    action with chance the likeliest outcome is traced, or the likeliest `unsafe` one.
     """
+    if action >= 0 and (others := model.actions[action].outcomes):
+        values = state.tolist()
+        traces = [model.traced(values, action, outcome=k) for k in range(1 + len(others))]
+        told = next((t for t in traces if unsafe and t.flags & UNSAFE), traces[0])
+        return causes_passed(model.written, state, told.passages, told.flags, told.out)
     passages, flags = model.passages(state, action)
     out, _ = model.transition(state.tolist(), action)
     return causes_passed(model, state, passages, flags, out)

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from serp._util.text import percent, plural
-from serp.agent.causes import Cause, causes_of, why_not_applicable
+from serp.agent.causes import Cause, Origin, causes_of, why_not_applicable
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, going_on, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE, Forecast, score_of
@@ -251,6 +251,9 @@ def step_causes(
     The amounts of rewards add up to the predicted `reward`, if any.
     """
     causes, ends = causes_of(model.written, state, ground), bool(flags & TERMINAL)
+    other: Origin = "chance" if ground >= 0 and model.actions[ground].outcomes else "learned"
+    if not flags & UNSAFE:  # what is unsafe by chance is a risk
+        causes = [cause for cause in causes if cause.what != "unsafe"]
     if flags & APPLICABLE and not ends:
         causes = [cause for cause in causes if cause.what != "end"]
     elif ends and all(cause.what != "end" for cause in causes):
@@ -258,9 +261,10 @@ def step_causes(
     if reward is not None:
         rest = reward - sum(cause.amount or 0.0 for cause in causes if cause.what == "reward")
         if abs(rest) > 1e-9 * max(1.0, abs(reward)):  # less is rounding
-            causes.append(Cause("reward", rest, "learned", "", ""))
+            causes.append(Cause("reward", rest, other, "", ""))
     if risk_of(flags) > 0.0 and not flags & UNSAFE:
-        unsafe = [c for c in causes_of(model, state, ground) if c.what == "unsafe"]
+        found = causes_of(model, state, ground, unsafe=True)
+        unsafe = [cause for cause in found if cause.what == "unsafe"]
         cause = unsafe[0] if unsafe else Cause("risk", None, "learned", "", "")
         causes.append(replace(cause, what="risk", amount=risk_of(flags)))
     return causes

@@ -224,6 +224,8 @@ def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
         by = " by what the run has learned"
+    elif first.origin == "chance":
+        by = " by its other outcomes"
     return f"{when}{brought}{by}{_where(causes)}"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 from serp.pddl.source import Place
@@ -184,6 +184,14 @@ GroundEffect = SetBoolean | SetNumber
 
 
 @dataclass(frozen=True, slots=True)
+class GroundOutcome:
+    """What happens with a probability in (0, 1) in place of the likeliest effects of an action."""
+
+    probability: float
+    effects: tuple[GroundEffect, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class GroundSchema:
     """A ground action, process or event.
 
@@ -193,8 +201,9 @@ class GroundSchema:
         schema: Name of the schema.
         arguments: The objects bound to its parameters.
         preconditions: The conjuncts of the precondition, constants removed.
-        effects: Effects whose condition can hold.
+        effects: Effects whose condition can hold; of an action with chance the likeliest ones.
         place: Where the schema is defined.
+        outcomes: What may happen in place of the effects, the likeliest first.
     """
 
     kind: Kind
@@ -204,6 +213,19 @@ class GroundSchema:
     preconditions: tuple[Test, ...]
     effects: tuple[GroundEffect, ...]
     place: Place
+    outcomes: tuple[GroundOutcome, ...] = ()
+
+    @property
+    def possible_effects(self) -> tuple[GroundEffect, ...]:
+        """The effects of all outcomes."""
+        return (*self.effects, *(effect for of in self.outcomes for effect in of.effects))
+
+    def as_outcome(self, number: int) -> GroundSchema:
+        """Return the schema with the effects of an outcome; those of number 0 are its own."""
+        if not self.outcomes:
+            return self
+        effects = self.outcomes[number - 1].effects if number else self.effects
+        return replace(self, effects=effects, outcomes=())
 
 
 @dataclass(frozen=True)
@@ -226,8 +248,8 @@ class GroundModel:
         actions, processes, events: The ground schemas, in file order.
         goal: The problem's goal; None where there is none.
         goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
-        goal_parameter: The entry of θ that is that reward in a problem with a metric, see
-            `serp.model.grounder`; None: it is 1.
+        goal_parameter: The entry of θ that is that reward: the file's, or in a problem with a
+            metric what `serp.model.grounder` says; None: it is 1.
         metric: The problem's metric, where it is not `(reward)`.
         initial: The value of every fluent; None where the problem leaves a number out.
         static: Printable name → value of everything that the problem states and no effect changes.
@@ -273,17 +295,17 @@ def flagging(schema: GroundSchema, flag: int) -> list[tuple[Test, ...]]:
     For an action this is beyond its precondition, without which nothing happens.
     """
     own = () if schema.kind is Kind.ACTION else schema.preconditions
-    return [(*own, effect.condition) for effect in schema.effects if sets(effect, flag)]
+    return [(*own, e.condition) for e in schema.possible_effects if sets(e, flag)]
 
 
 def reads(schema: GroundSchema) -> set[int]:
     """Return every fluent that the precondition or the effects read."""
-    return set(fluents_of(schema.preconditions, schema.effects))
+    return set(fluents_of(schema.preconditions, schema.possible_effects))
 
 
 def writes(schema: GroundSchema) -> set[int]:
     """Return every fluent and flag target that the effects change."""
-    return {effect.target for effect in schema.effects}
+    return {effect.target for effect in schema.possible_effects}
 
 
 FUNCTIONS: Mapping[str, Callable[..., float]] = {

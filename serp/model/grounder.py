@@ -34,7 +34,10 @@ UNBOUNDED = 1_000_000.0
 """The reward for reaching the goal where the gain of the metric is not bounded."""
 
 _SIGNS = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}
-_Effects = tuple[g.SetNumber, ...]
+_Changes = tuple[g.SetNumber, ...]
+_Effects = tuple[g.GroundEffect, ...]
+MOST_OUTCOMES = 16
+"""Most outcomes of a ground action, as in `model.hpp`."""
 
 
 class GoalValue:
@@ -45,10 +48,11 @@ class GoalValue:
         self.metric = ground.metric.value
         read = set(g.fluents_of(self.metric))
 
-        def relevant(schemas: Iterable[g.GroundSchema]) -> list[_Effects]:
+        def relevant(schemas: Iterable[g.GroundSchema]) -> list[_Changes]:
             numbers = (
-                tuple(e for e in s.effects if isinstance(e, g.SetNumber) and e.target in read)
+                tuple(e for e in effects if isinstance(e, g.SetNumber) and e.target in read)
                 for s in schemas
+                for effects in (s.effects, *(outcome.effects for outcome in s.outcomes))
             )
             return [effects for effects in numbers if effects]
 
@@ -84,7 +88,7 @@ class GoalValue:
 
 
 def _change(
-    effects: _Effects, weights: dict[int, float], theta: Sequence[float]
+    effects: _Changes, weights: dict[int, float], theta: Sequence[float]
 ) -> tuple[float, float]:
     """Bound the change of the metric by effects that may or may not be applied."""
     low = high = 0.0
@@ -152,6 +156,8 @@ class _Instantiation:
             ground[schema.kind] += [instance for instance in instances if instance is not None]
         goal = self._goal()
         metric = self._metric()
+        worth = self.problem.goal_reward if self.problem is not None else None
+        goal_parameter = None if worth is None else self._parameter(worth, "goal").parameter
         model = g.GroundModel(
             syntax=self.domain,
             fluents=self.fluents,
@@ -160,8 +166,9 @@ class _Instantiation:
             processes=tuple(ground[x.Kind.PROCESS]),
             events=tuple(ground[x.Kind.EVENT]),
             goal=goal,
-            goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
-            goal_parameter=None,
+            goal_rewarded=goal is not None
+            and (worth is not None or x.REWARD not in self.domain.declarations),
+            goal_parameter=goal_parameter,
             metric=metric,
             initial=self._initial(goal, metric, itertools.chain(*ground.values())),
             static=self._static_values(),
@@ -234,7 +241,11 @@ class _Instantiation:
         if isinstance(test, g.All):
             preconditions = test.operands
         role = "rate" if schema.kind is x.Kind.PROCESS else "effect"
-        effects = tuple(self._effects(schema.effects, binding, _TRUE, role))
+        if any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects)):
+            first, *others = self._outcomes(schema.effects, binding, _TRUE, role)
+            effects = first.effects
+        else:
+            effects, others = tuple(self._effects(schema.effects, binding, _TRUE, role)), []
         arguments = tuple(binding[p.name] for p in schema.parameters)
         return g.GroundSchema(
             kind=schema.kind,
@@ -244,6 +255,7 @@ class _Instantiation:
             preconditions=preconditions,
             effects=effects,
             place=schema.place,
+            outcomes=tuple(others),
         )
 
     # Expressions -------------------------------------------------------------------------------
@@ -352,6 +364,50 @@ class _Instantiation:
                 case x.ForallEffect(parameters, inner, place):
                     for extended in self.facts.quantify(parameters, binding, place):
                         yield from self._effects(inner, extended, condition, role)
+
+    def _outcomes(
+        self, effects: tuple[x.Effect, ...], binding: Binding, condition: g.Test, role: str
+    ) -> list[g.GroundOutcome]:
+        """Return what effects come to, by chance, the likeliest first; they are independent."""
+        found = [g.GroundOutcome(1.0, ())]
+        for effect in effects:
+            for parts in self._parts(effect, binding, condition, role):
+                joint: dict[_Effects, float] = {}
+                for one, other in itertools.product(found, parts):
+                    both = (*one.effects, *other.effects)
+                    joint[both] = joint.get(both, 0.0) + one.probability * other.probability
+                if len(joint) > MOST_OUTCOMES:
+                    raise DomainError(
+                        f"an action of more than {MOST_OUTCOMES} outcomes", effect.place,
+                        "write an action for each of several independent chances",
+                        code="too-large",
+                    )  # fmt: skip
+                found = [g.GroundOutcome(p, both) for both, p in joint.items()]
+        return sorted(found, key=lambda outcome: -outcome.probability)
+
+    def _parts(
+        self, effect: x.Effect, binding: Binding, condition: g.Test, role: str
+    ) -> Iterator[list[g.GroundOutcome]]:
+        """Yield the outcomes of each independent part of an effect."""
+        match effect:
+            case x.Chance(outcomes):
+                parts = [
+                    g.GroundOutcome(chosen.probability * inner.probability, inner.effects)
+                    for chosen in outcomes
+                    for inner in self._outcomes(chosen.effects, binding, condition, role)
+                ]
+                rest = 1.0 - math.fsum(chosen.probability for chosen in outcomes)
+                yield [*parts, *([g.GroundOutcome(rest, ())] if rest > 1e-9 else [])]
+            case x.When(test, inner, _):
+                joined = _join([condition, self._test(test, binding)], test.place, conjunction=True)
+                if joined != g.Constant(False):
+                    yield self._outcomes(inner, binding, joined, role)
+            case x.ForallEffect(parameters, inner, place):
+                for extended in self.facts.quantify(parameters, binding, place):
+                    yield self._outcomes(inner, extended, condition, role)
+            case _:
+                plain = tuple(self._effects((effect,), binding, condition, role))
+                yield [g.GroundOutcome(1.0, plain)]
 
     # Problem -----------------------------------------------------------------------------------
 

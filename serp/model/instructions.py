@@ -69,6 +69,8 @@ class InstructionTable(NamedTuple):
     fluents: int
     parameters: int
     intermediate: int
+    first_chance: NDArray[np.uint32]
+    chances: NDArray[np.float64]
 
 
 def instruction_table(ground: g.GroundModel) -> InstructionTable:
@@ -96,13 +98,22 @@ class _Compiler:
     def table(self) -> InstructionTable:
         """Compile all parts."""
         ground = self.ground
-        actions = [self._part(partial(self._act, action)) for action in ground.actions]
+        # The actions, each with its likeliest effects, then all their other outcomes.
+        schemas = [*ground.actions, *(a.as_outcome(k) for a in ground.actions
+                                      for k in range(1, len(a.outcomes) + 1))]  # fmt: skip
+        chances: list[float] = []
+        first_chance = [0]
+        for action in ground.actions:
+            others = [outcome.probability for outcome in action.outcomes]
+            chances += [1.0 - sum(others), *others]
+            first_chance.append(len(chances))
+        actions = [self._part(partial(self._act, action)) for action in schemas]
         unjudged = self._part()
         judged = [
             self._part(partial(self._judge, action))
             if any(effect.target < 0 for effect in action.effects)
             else unjudged
-            for action in ground.actions
+            for action in schemas
         ]
         drift = self._part(partial(self._rates, self.out, rewards=False))
         settle = self._part(self._events, partial(self._goal_and_metric, self.out))
@@ -120,6 +131,7 @@ class _Compiler:
             entries=np.array([drift, settle, aftermath, *actions, *judged], dtype=np.uint32),
             fluents=len(ground.fluents), parameters=len(ground.parameters),
             intermediate=self.most - self.first,
+            first_chance=np.array(first_chance, dtype=np.uint32), chances=np.array(chances),
         )  # fmt: skip
 
     # Parts -------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 // A model as planners see it.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 
 #include "serp/model/flags.hpp"
@@ -33,6 +34,26 @@ public:
     virtual double uncertainty(int /*action*/) { return 0.0; }
 
 protected:
+    /// Writes what outcomes come to: the likeliest next state, and the expected reward. Returns the
+    /// flags: UNSAFE where the step is `certain` to be, else with the probability that it is.
+    static Flags joint(const double* rows, int count, int fluents, bool certain, double* out) {
+        const int row = fluents + 3;
+        const double* likeliest = rows;
+        double reward = 0.0, risk = 0.0;
+        for (const double* of = rows; of != rows + count * row; of += row) {
+            const auto flags = static_cast<Flags>(of[fluents + 1]);
+            const double probability = of[fluents + 2];
+            if (probability > likeliest[fluents + 2] * (1.0 + 1e-9)) likeliest = of;  // not by rounding
+            reward += probability * of[fluents];
+            risk += probability * (flags & UNSAFE ? 1.0 : risk_units(flags) * RISK_UNIT);
+        }
+        std::copy_n(likeliest, fluents, out);
+        out[fluents] = reward;
+        const auto flags = static_cast<Flags>(likeliest[fluents + 1]);
+        const Flags bits = flags & (APPLICABLE | TERMINAL | END_MASK << END_SHIFT);
+        return certain ? bits | UNSAFE : with_risk(bits, std::min(risk, 1.0));
+    }
+
     /// Writes the step of an action as its only outcome, see `outcomes`; returns 1.
     int only_outcome(int action, double* rows, int fluents) {
         rows[fluents + 1] = static_cast<double>(step(action, rows));

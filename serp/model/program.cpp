@@ -1,5 +1,7 @@
 #include "serp/model/program.hpp"
 
+#include "serp/model/model.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <iterator>
@@ -33,9 +35,12 @@ bool is_number(double value) { return value - value == 0.0; }
 }  // namespace
 
 Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entries, int fluents,
-                 int parameters, int intermediate)
+                 int parameters, int intermediate, std::vector<std::uint32_t> first_chance,
+                 std::vector<double> chances)
     : code_(std::move(code)),
       entries_(std::move(entries)),
+      first_chance_(std::move(first_chance)),
+      chances_(std::move(chances)),
       fluents_(fluents),
       parameters_(parameters),
       intermediate_(intermediate) {
@@ -89,6 +94,18 @@ Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entri
     if (entries_.size() < ACTIONS || (entries_.size() - ACTIONS) % 2) refuse("the number of parts");
     for (const std::uint32_t entry : entries_)
         if (entry >= length) refuse("the start of a part");
+    if (first_chance_.empty() || first_chance_.front() != 0 ||
+        first_chance_.back() != chances_.size() ||
+        chances_.size() != static_cast<size_t>(variants()))
+        refuse("the number of outcomes");
+    for (size_t action = 0; action + 1 < first_chance_.size(); ++action) {
+        if (first_chance_[action + 1] <= first_chance_[action] ||
+            first_chance_[action + 1] - first_chance_[action] > OUTCOMES ||
+            first_chance_[action + 1] > chances_.size())
+            refuse("the outcomes of an action");
+        for (std::uint32_t k = first_chance_[action]; k < first_chance_[action + 1]; ++k)
+            if (!(chances_[k] > 0.0 && chances_[k] <= 1.0)) refuse("the chance of an outcome");
+    }
 }
 
 /// Executes parts one after another, as long as they are applicable; returns the flags.
@@ -249,7 +266,7 @@ Flags Program::judge(const double* state, int action, const double* next_state, 
     registers[out_at_ + fluents_] = 0.0;
     const Flags flags =
         action >= 0
-            ? run(registers, {entries_[ACTIONS + actions() + action], entries_[AFTERMATH]})
+            ? run(registers, {entries_[ACTIONS + variants() + action], entries_[AFTERMATH]})
             : run(registers, {entries_[AFTERMATH]});
     return finished(flags, out, registers);
 }

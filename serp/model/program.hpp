@@ -1,6 +1,7 @@
 // The instruction table of a ground model, and the fast step that executes it.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -53,7 +54,8 @@ enum Part : std::size_t {
     DRIFT,      ///< processes
     SETTLE,     ///< events, goal, metric
     AFTERMATH,  ///< rewards of processes, then as SETTLE, of an observed state
-    ACTIONS     ///< [2A] preconditions and effects of actions, then what concerns reward and flags
+    ACTIONS     ///< [2(A + O)] preconditions and effects of actions, then of all their outcomes but
+                ///< the likeliest; then what of these concerns reward and flags
 };
 
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
@@ -66,15 +68,32 @@ enum Part : std::size_t {
 /// always ends: all jumps but those of REPEAT lead further on, and REPEAT is bounded.
 class Program {
 public:
-    /// `entries` [3 + 2A] are where the parts begin in the table, see `Part`; `intermediate` is the
-    /// number of intermediate results. Throws std::invalid_argument where an operand, a jump or an
-    /// entry leads outside, or where the last instruction goes on: what runs without checks is
-    /// checked here.
+    /// `entries` [3 + 2(A + O)] are where the parts begin in the table, see `Part`; `intermediate`
+    /// is the number of intermediate results; from `first_chance` [A + 1] on, `chances` [A + O] has
+    /// the probabilities of the outcomes of each action, the likeliest first. Throws
+    /// std::invalid_argument where an operand, a jump or an entry leads outside, or where the last
+    /// instruction goes on: what runs without checks is checked here.
     Program(std::vector<Instruction> code, std::vector<std::uint32_t> entries, int fluents,
-            int parameters, int intermediate);
+            int parameters, int intermediate, std::vector<std::uint32_t> first_chance,
+            std::vector<double> chances);
 
     int fluents() const { return fluents_; }
-    int actions() const { return static_cast<int>(entries_.size() - ACTIONS) / 2; }
+    int actions() const { return static_cast<int>(first_chance_.size()) - 1; }
+    /// Whether an action has several outcomes.
+    bool branches() const { return chances_.size() > first_chance_.size() - 1; }
+    /// The number of outcomes of an action; 1 for no action (-1).
+    int outcomes(int action) const {
+        return action < 0 ? 1 : static_cast<int>(first_chance_[action + 1] - first_chance_[action]);
+    }
+    /// The probability of an outcome, by its number from 0.
+    double chance(int action, int outcome) const {
+        return chances_[first_chance_[action] + outcome];
+    }
+    /// What `step`, `flow` and `judge` take in place of an action for one of its outcomes.
+    int variant(int action, int outcome) const {
+        const int others = static_cast<int>(first_chance_[std::max(action, 0)]) - action;
+        return outcome == 0 ? action : actions() + others + outcome - 1;
+    }
     int parameters() const { return parameters_; }
     int registers() const { return intermediate_at_ + intermediate_; }
 
@@ -100,11 +119,14 @@ public:
                 double dt, double* out, double* registers) const;
 
 private:
+    /// The number of actions and their further outcomes.
+    int variants() const { return static_cast<int>(entries_.size() - ACTIONS) / 2; }
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;
     Flags finished(Flags flags, double* out, const double* frame) const;
 
     std::vector<Instruction> code_;
-    std::vector<std::uint32_t> entries_;
+    std::vector<std::uint32_t> entries_, first_chance_;
+    std::vector<double> chances_;
     int fluents_, parameters_, intermediate_;
     /// Where these numbers begin in the frame.
     int next_state_at_ = 0, out_at_ = 0, state_at_ = 0, intermediate_at_ = 0;

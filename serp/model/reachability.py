@@ -380,6 +380,9 @@ class _Reachability:
                 case x.ForallEffect(parameters, inner, place):
                     for more in self.facts.quantify(parameters, binding, place):
                         self._apply(inner, more)
+                case x.Chance(outcomes):
+                    for outcome in outcomes:
+                        self._apply(outcome.effects, binding)
 
     def _free(self, key: Key) -> None:
         facts = self.facts

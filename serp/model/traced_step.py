@@ -88,12 +88,13 @@ class TracedStep:
         theta: Sequence[float],
         dt: float,
         amend: Amendment | None = None,
+        outcome: int = 0,
     ) -> Traced:
-        """Carry out an action, -1 for none while the world goes on.
+        """Carry out an outcome of an action, -1 for no action while the world goes on.
 
         `amend` is called before the events are evaluated.
         """
-        step = _Step(self, state, [*state, 0.0], theta, dt)
+        step = _Step(self, state, [*state, 0.0], theta, dt, outcome)
         return step.traced(lambda: step.predict(action, amend))
 
     def judge(
@@ -103,17 +104,19 @@ class TracedStep:
         next_state: list[float],
         theta: Sequence[float],
         dt: float,
+        outcome: int = 0,
     ) -> Traced:
         """Return reward and flags of an observed transition; action -1 is not one of the model's.
 
-        Next state and reward are what the events made of the observed one.
+        Next state and reward are what the events made of the observed one. `outcome` is the outcome
+        of the action that took place.
         """
-        step = _Step(self, state, [*next_state, 0.0], theta, dt)
+        step = _Step(self, state, [*next_state, 0.0], theta, dt, outcome)
         return step.traced(lambda: step.judge(action, [*next_state]))
 
     def at_goal(self, state: list[float], theta: Sequence[float], dt: float) -> bool:
         """Whether the goal holds in a state; not where it has no truth value."""
-        goal, step = self.ground.goal, _Step(self, state, [], theta, dt)
+        goal, step = self.ground.goal, _Step(self, state, [], theta, dt, 0)
         return goal is not None and step.truth(goal, state) is True
 
 
@@ -134,6 +137,7 @@ class _Step:
     out: list[float]
     theta: Sequence[float]
     dt: float
+    outcome: int
     reward: float = 0.0
     set_flags: dict[int, bool] = field(
         default_factory=lambda: {g.UNSAFE_TARGET: False, g.TERMINAL_TARGET: False}
@@ -157,7 +161,7 @@ class _Step:
     def predict(self, action: int, amend: Amendment | None) -> None:
         """Carry out action, processes, events, metric and goal."""
         if action >= 0:
-            self._act(self.ground.actions[action])
+            self._act(self.ground.actions[action].as_outcome(self.outcome))
         self._rates(self.out)
         self._store_reward()
         if amend is not None:
@@ -170,7 +174,7 @@ class _Step:
     def judge(self, action: int, next_state: list[float]) -> None:
         """Carry out what concerns reward and flags, in an observed next state."""
         if action >= 0:
-            schema = self.ground.actions[action]
+            schema = self.ground.actions[action].as_outcome(self.outcome)
             effects = [effect for effect in schema.effects if effect.target < 0]
             if self._all(schema.preconditions, self.state):
                 self._effects(schema, effects, self.state)

@@ -129,7 +129,7 @@ class TransitionModel(StateSpace):
     def rewarding(self) -> bool:
         """Whether the domain defines a reward: by effects on `(reward)`, a metric, or a goal."""
         ground = self.ground
-        changed = any(e.target == REWARD_TARGET for s in ground.schemas for e in s.effects)
+        changed = any(e.target == REWARD_TARGET for s in ground.schemas for e in s.possible_effects)
         return changed or ground.metric is not None or ground.goal_rewarded
 
     # Prediction --------------------------------------------------------------------------------
@@ -238,10 +238,20 @@ class TransitionModel(StateSpace):
         return [passage.site for passage in passages], flags
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
-        """Return which precondition failed, or what took part in a step, and its flags."""
+        """Return which precondition failed, or what took part in a step, and its flags.
+
+        Of an action with chance they are those of the likeliest outcome, or where there is a risk
+        of the likeliest unsafe one.
+        """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        _, flags, passages = self.traced(values, action)
-        return passages, flags
+        chances = self.ground.actions[action].outcomes if action >= 0 else ()
+        if not chances:
+            _, flags, passages = self.traced(values, action)
+            return passages, flags
+        traces = [self.traced(values, action, outcome=k) for k in range(1 + len(chances))]
+        flags = self.core.step(np.array(values), action)[1]
+        told = next((t for t in traces if t.flags & UNSAFE and risk_of(flags)), traces[0])
+        return told.passages, flags
 
     def traced(
         self,
@@ -250,15 +260,18 @@ class TransitionModel(StateSpace):
         *,
         theta: list[float] | None = None,
         amend: Amendment | None = None,
+        outcome: int = 0,
     ) -> Traced:
-        """Return what `transition` returns by the file, and what was passed, in order.
+        """Return the step of an outcome of an action by the file, and what was passed, in order.
 
         `theta` are other parameters; `amend` changes the result before events are evaluated.
         """
         parameters = self._theta_list if theta is None else theta
-        return self._traced().step(state, action, parameters, self.dt, amend)
+        return self._traced().step(state, action, parameters, self.dt, amend, outcome)
 
     def judged_passages(self, state: Vector, action: int, next_state: Vector) -> list[Passage]:
         """Return what the judgement of a transition passes."""
         values, after = state.tolist(), next_state.tolist()
-        return self._traced().judge(values, action, after, self._theta_list, self.dt).passages
+        outcome = self.written_core().outcome_of(state, action, next_state)
+        traced = self._traced().judge(values, action, after, self._theta_list, self.dt, outcome)
+        return traced.passages

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -26,16 +27,39 @@ public:
     void from(const double* state) override { program_->from(state, registers_.data()); }
 
     Flags step(int action, double* out) override {
-        return program_->step(action, out, registers_.data());
+        if (program_->outcomes(action) == 1) return program_->step(action, out, registers_.data());
+        rows_.resize(static_cast<size_t>(OUTCOMES * (program_->fluents() + 3)));
+        const int fluents = program_->fluents(), count = outcomes(action, rows_.data());
+        const auto first = static_cast<Flags>(rows_[fluents + 1]);
+        if (!(first & APPLICABLE)) return first;
+        bool certain = true;
+        for (int k = 0; k < count; ++k) {
+            certain = certain && static_cast<Flags>(rows_[k * (fluents + 3) + fluents + 1]) & UNSAFE;
+        }
+        return joint(rows_.data(), count, fluents, certain, out);
     }
 
     int outcomes(int action, double* rows) override {
-        return only_outcome(action, rows, program_->fluents());
+        const int fluents = program_->fluents(), row = fluents + 3;
+        if (program_->outcomes(action) == 1) return only_outcome(action, rows, fluents);
+        const int count = program_->outcomes(action);
+        for (int k = 0; k < count; ++k) {
+            double* to = rows + k * row;
+            const Flags flags = program_->step(program_->variant(action, k), to, registers_.data());
+            to[fluents + 1] = static_cast<double>(flags);
+            to[fluents + 2] = program_->chance(action, k);
+            if (!(flags & APPLICABLE)) {  // a step without a result must not count as safe
+                std::copy_n(to, row, rows);
+                rows[fluents + 2] = 1.0;
+                return 1;
+            }
+        }
+        return count;
     }
 
 private:
     const std::shared_ptr<const Program> program_;
-    std::vector<double> registers_;
+    std::vector<double> registers_, rows_;
 };
 
 }  // namespace
@@ -50,6 +74,28 @@ WrittenModel::WrittenModel(std::shared_ptr<const Program> program, std::vector<d
                                     " finite numbers");
     if (!(dt > 0.0) || !std::isfinite(dt))
         throw std::invalid_argument("the control period must be a positive number");
+}
+
+int WrittenModel::likeliest_outcome(const double* state, int action,
+                                    const double* next_state) const {
+    const int count = program_->outcomes(action), width = program_->fluents();
+    if (count == 1) return 0;
+    std::vector<double> out(width + 1), registers(program_->registers());
+    program_->prepare(theta_.data(), dt_, registers.data());
+    program_->from(state, registers.data());
+    int best = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < count; ++k) {
+        const int variant = program_->variant(action, k);
+        if (!(program_->step(variant, out.data(), registers.data()) & APPLICABLE)) continue;
+        double error = 0.0;
+        for (int f = 0; f < width; ++f) error = std::max(error, std::abs(out[f] - next_state[f]));
+        if (error < least) {
+            best = k;
+            least = error;
+        }
+    }
+    return best;
 }
 
 std::unique_ptr<Stepper> WrittenModel::stepper() const {
@@ -131,21 +177,39 @@ Array<double> uncertainty_of(const Model& model, const State& state) {
 
 std::shared_ptr<Program> program_of(const In<std::uint32_t, nb::shape<-1, 4>>& code,
                                     const In<std::uint32_t, nb::ndim<1>>& entries, int fluents,
-                                    int parameters, int intermediate) {
+                                    int parameters, int intermediate,
+                                    const In<std::uint32_t, nb::ndim<1>>& first_chance,
+                                    const In<double, nb::ndim<1>>& chances) {
     static_assert(sizeof(Instruction) == 4 * sizeof(std::uint32_t));
     std::vector<Instruction> table(code.shape(0));
     if (!table.empty()) std::memcpy(table.data(), code.data(), code.nbytes());
     return std::make_shared<Program>(std::move(table), vector_of(entries), fluents, parameters,
-                                     intermediate);
+                                     intermediate, vector_of(first_chance), vector_of(chances));
+}
+
+Result step_of_outcome(const WrittenModel& model, const State& state, std::int64_t action,
+                       std::int64_t outcome) {
+    const Program& program = *model.program();
+    const int acted = action_of(model, action);
+    if (outcome < 0 || outcome >= program.outcomes(acted))
+        throw std::invalid_argument("there is no outcome " + std::to_string(outcome));
+    std::vector<double> out(model.fluents() + 1), registers(program.registers());
+    program.prepare(model.theta().data(), model.dt(), registers.data());
+    program.from(state_of(model, state), registers.data());
+    const int variant = program.variant(acted, static_cast<int>(outcome));
+    const Flags flags = program.step(variant, out.data(), registers.data());
+    return result_of(std::move(out), flags);
 }
 
 Result judgement_of(const WrittenModel& model, const State& state, std::int64_t action,
                     const State& next_state) {
     const Program& program = *model.program();
     std::vector<double> out(model.fluents() + 1), registers(program.registers());
-    const Flags flags = program.judge(
-        state_of(model, state), action_of(model, action, -1), state_of(model, next_state),
-        model.theta().data(), model.dt(), out.data(), registers.data());
+    const double *from = state_of(model, state), *to = state_of(model, next_state);
+    const int acted = action_of(model, action, -1);
+    const int variant = program.variant(acted, model.likeliest_outcome(from, acted, to));
+    const Flags flags = program.judge(from, variant, to, model.theta().data(), model.dt(),
+                                      out.data(), registers.data());
     return result_of(std::move(out), flags);
 }
 
@@ -154,9 +218,11 @@ Result judgement_of(const WrittenModel& model, const State& state, std::int64_t 
 void bind_model(nb::module_& module) {
     nb::class_<Program>(module, "Program", "The instruction table of a ground model.")
         .def(nb::new_(&program_of), nb::arg("code"), nb::arg("entries"), nb::arg("fluents"),
-             nb::arg("parameters"), nb::arg("intermediate"),
-             "Check a table: instructions [n, 4], and where the parts begin [3 + 2A]: drift, "
-             "settle, aftermath, the actions, the judged actions.");
+             nb::arg("parameters"), nb::arg("intermediate"), nb::arg("first_chance"),
+             nb::arg("chances"),
+             "Check a table: instructions [n, 4], where the parts begin [3 + 2(A + O)]: drift, "
+             "settle, aftermath, the actions and their further outcomes, these judged; and from "
+             "first_chance [A + 1] on the chances of the outcomes of each action [A + O].");
 
     nb::class_<Model>(module, "Model", "A transition model as planners take it.")
         .def_prop_ro("fluents", &Model::fluents)
@@ -180,6 +246,14 @@ void bind_model(nb::module_& module) {
                 return step_of(model, state, action, -1);
             }, nb::arg("state"), nb::arg("action"),
             "Return next state and reward [F + 1], and the flags; action -1 is none.")
+        .def("step_of_outcome", &step_of_outcome, nb::arg("state"), nb::arg("action"),
+             nb::arg("outcome"), "Return `step` with one of the outcomes of an action, from 0.")
+        .def("outcome_of", [](const WrittenModel& model, const State& state, std::int64_t action,
+                              const State& next_state) {
+                return model.likeliest_outcome(state_of(model, state), action_of(model, action, -1),
+                                               state_of(model, next_state));
+            }, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
+            "Return the outcome of an action that predicts an observed next state best.")
         .def("judge", &judgement_of, nb::arg("state"), nb::arg("action"), nb::arg("next_state"),
              "Return the observed next state after events, then its reward [F + 1], and the flags.");
 }

@@ -9,7 +9,7 @@
 
 namespace serp {
 
-/// A program with parameters theta [P] and a control period dt: a step has one outcome.
+/// A program with parameters theta [P] and a control period dt.
 class WrittenModel : public Model {
 public:
     /// Throws std::invalid_argument where theta has another length or a number is not usable.
@@ -18,6 +18,10 @@ public:
     int fluents() const override { return program_->fluents(); }
     int actions() const override { return program_->actions(); }
     std::unique_ptr<Stepper> stepper() const override;
+    bool branches() const override { return program_->branches(); }
+
+    /// The outcome of an action that predicts an observed next state [F] best; the likeliest of equals.
+    int likeliest_outcome(const double* state, int action, const double* next_state) const;
 
     const std::shared_ptr<const Program>& program() const { return program_; }
     const std::vector<double>& theta() const { return theta_; }

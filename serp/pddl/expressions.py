@@ -9,7 +9,6 @@ from serp.pddl import slips
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Node, Word
 from serp.pddl.scope import (
-    INSTEAD,
     TOTAL_TIME,
     Scope,
     declared_as,
@@ -207,6 +206,9 @@ def refuse_contradictions(effects: tuple[x.Effect, ...]) -> None:
     for effect in effects:
         if isinstance(effect, x.When | x.ForallEffect):
             refuse_contradictions(effect.effects)
+        elif isinstance(effect, x.Chance):
+            for outcome in effect.outcomes:
+                refuse_contradictions(outcome.effects)
         elif isinstance(effect, x.ChangeFunction):
             others = changes.setdefault(x.meaning(effect.function), [])
             for first in others:
@@ -259,14 +261,13 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
         if len(group.items) != 2:
             raise DomainError("`not` takes one predicate", group.place)
         return (_set_predicate(group.items[1], scope, value=False, place=group.place),)
-    if head in ("or", "exists", "imply", "oneof", "probabilistic") and (
-        head not in scope.declarations
-    ):
+    if head in ("oneof", "probabilistic") and head not in scope.declarations:
+        return (_chance(group, scope, inside_when=inside_when),)
+    if head in ("or", "exists", "imply") and head not in scope.declarations:
         raise DomainError(
             f"`{head}` is not supported in an effect",
             group.place,
-            INSTEAD.get(head)
-            or "effects are deterministic: `and`, `forall`, `when`, predicates and numeric changes",
+            "effects are `and`, `forall`, `when`, `probabilistic`, predicates and numeric changes",
             code="unsupported",
         )
     return (_set_predicate(group, scope, value=True, place=group.place),)
@@ -297,6 +298,50 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
         parse_effects(effect, scope, inside_when=True),
         group.place,
     )
+
+
+def _chance(group: Group, scope: Scope, *, inside_when: bool) -> x.Chance:
+    """Parse `(probabilistic p effect ...)`, or `(oneof effect ...)`, all equally likely."""
+    if not scope.in_action:
+        raise DomainError(
+            f"`{group.head}` is supported in actions only",
+            group.place,
+            "let an action draw what happens, or write the chance into every action",
+            code="unsupported",
+        )
+    items = group.items[1:]
+    chances: list[float] = [1.0 / len(items) for _ in items] if group.head == "oneof" else []
+    effects = items
+    if group.head == "probabilistic":
+        if not items or len(items) % 2:
+            raise DomainError(
+                "`probabilistic` takes pairs of a probability and an effect", group.place,
+                "write `(probabilistic 0.8 (moved) 0.1 (slipped))`",
+            )  # fmt: skip
+        chances, effects = [_probability(node) for node in items[::2]], items[1::2]
+    if not items or sum(chances) > 1.0 + 1e-9:
+        problem = f"the probabilities add up to {sum(chances):g}" if items else "`oneof` of nothing"
+        raise DomainError(problem, group.place, "they add up to at most 1")
+    return x.Chance(
+        tuple(
+            x.ChanceOutcome(chance, parse_effects(node, scope, inside_when=inside_when), node.place)
+            for chance, node in zip(chances, effects, strict=True)
+            if chance > 0.0
+        ),
+        group.place,
+    )
+
+
+def _probability(node: Node) -> float:
+    """Parse a probability: a number from 0 to 1, or a fraction such as `1/3`."""
+    above, slash, below = node.text.partition("/") if isinstance(node, Word) else ("", "", "")
+    if slash and above.isdecimal() and below.isdecimal() and int(below):
+        value = int(above) / int(below)
+    else:
+        value = parse_number(node).value
+    if not 0.0 <= value <= 1.0:
+        raise DomainError("a probability is a number from 0 to 1", node.place)
+    return value
 
 
 def _changes(node: Node, scope: Scope) -> bool:

@@ -41,6 +41,7 @@ SUPPORTED_REQUIREMENTS = frozenset(
         *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
         *(":existential-preconditions", ":universal-preconditions"),
         *(":fluents", ":numeric-fluents", ":action-costs"),
+        *(":probabilistic-effects", ":non-deterministic", ":rewards", ":mdp"),
         *(":time", ":processes", ":events", ":continuous-effects", ":hybrid", MATH_REQUIREMENT),
     )
 )
@@ -169,6 +170,9 @@ def parse_domain(source: Source) -> x.DomainSyntax:
     for head, section in sections.items():
         if head in (":predicates", ":functions"):
             parse_declarations(section, parents, declarations, numeric=head == ":functions")
+    if requirements & {":rewards", ":mdp"}:  # PPDDL has `(reward)` without a declaration
+        reward = x.Declaration(x.REWARD, (), True, sections[":requirements"].place)
+        declarations.setdefault(x.REWARD, reward)
     scope = Scope(parents, constants, declarations, {}, math=MATH_REQUIREMENT in requirements)
     names: set[str] = set()
     schemas: list[x.Schema] = []
@@ -214,7 +218,9 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
         (),
         declares=True,
     )
-    inner = replace(scope, in_process=kind is x.Kind.PROCESS).bind(parameters)
+    inner = replace(scope, in_process=kind is x.Kind.PROCESS, in_action=kind is x.Kind.ACTION).bind(
+        parameters
+    )
     always: x.Condition = x.Connective("and", (), group.place)
     precondition = _said(fields.get(":precondition"), lambda c: parse_condition(c, inner), always)
     effects: tuple[x.Effect, ...] = _said(
@@ -274,7 +280,9 @@ def _no_field(node: Node, schema: str) -> DomainError:
     )
 
 
-PROBLEM_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
+PROBLEM_SECTIONS = (
+    ":domain", ":requirements", ":objects", ":init", ":goal", ":goal-reward", ":metric"
+)  # fmt: skip
 
 
 def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
@@ -292,10 +300,11 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     init = sections.get(":init")
     atoms, values = _initial(init, scope) if init is not None else ((), ())
     goal = _said(sections.get(":goal"), lambda group: _goal(group, scope), None)
+    worth = _said(sections.get(":goal-reward"), _goal_reward, None)
     metric = _said(sections.get(":metric"), lambda group: _metric(group, scope), None)
     place = init.place if init is not None else None
     return x.ProblemSyntax(
-        definition.name, objects, atoms, values, goal, metric, definition.place, place
+        definition.name, objects, atoms, values, goal, worth, metric, definition.place, place
     )
 
 
@@ -397,6 +406,12 @@ def _goal(group: Group, scope: Scope) -> x.Condition | None:
     taken = group.place.source.errors_taken
     goal = parse_condition(group.items[1], scope)
     return goal if group.place.source.errors_taken == taken else None
+
+
+def _goal_reward(group: Group) -> x.Number:
+    if len(group.items) != 2:
+        raise DomainError("expected `(:goal-reward number)`", group.place)
+    return parse_number(group.items[1])
 
 
 def _metric(group: Group, scope: Scope) -> x.Metric:

@@ -25,8 +25,6 @@ INSTEAD = {
         "write an event that sets `(unsafe)` where a constraint is broken": (
             ":constraint :constraints :safety-constraints"
         ),
-        "effects are deterministic: write the likeliest outcome; a training learns how often it "
-        "comes out otherwise": "oneof probabilistic :probabilistic-effects :non-deterministic",
         "write `(increase (reward) ...)` under a `when`, or as an event": (
             "preference :preferences :goal-utilities"
         ),
@@ -34,7 +32,7 @@ INSTEAD = {
             "timed :timed-initial-literals :timed-initial-fluents :timed-effects"
         ),
         "state what is likeliest; in a task the environment tells what is so": (
-            "unknown :contingent :partial-observability :unknown"
+            "unknown oneof probabilistic :contingent :partial-observability :unknown"
         ),
         "write `- number`, or a predicate with one more parameter": ":object-fluents",
         "write actions only; the planner chooses among them": (
@@ -45,7 +43,6 @@ INSTEAD = {
             ":agent :private :multi-agent :factored-privacy :unfactored-privacy"
         ),
         "write them under `:parameters`": ":vars",
-        "declare the function `(reward)`, and increase it": ":rewards :mdp",
     }.items()
     for word in words.split()
 }
@@ -67,6 +64,7 @@ class Scope:
         declarations: Predicates and functions by name.
         parameters: Variables bound here.
         in_process: Whether effects are rates (`(* #t rate)`).
+        in_action: Whether effects may happen by chance.
         in_metric: Whether `(total-time)` and `(reward)` may be read.
         math: Whether MATH_REQUIREMENT is listed.
         declares: Where objects are declared that can be named here.
@@ -77,6 +75,7 @@ class Scope:
     declarations: Mapping[str, x.Declaration]
     parameters: Mapping[str, x.SchemaParameter]
     in_process: bool = False
+    in_action: bool = False
     in_metric: bool = False
     math: bool = False
     declares: str = ":constants; a domain does not know the :objects of a problem"

@@ -201,7 +201,27 @@ class ForallEffect:
     place: Place
 
 
-Effect = SetPredicate | ChangeFunction | When | ForallEffect
+@dataclass(frozen=True, slots=True)
+class ChanceOutcome:
+    """Effects that happen with a probability in (0, 1]."""
+
+    probability: float
+    effects: tuple[Effect, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Chance:
+    """`(probabilistic p effect ...)` (PPDDL 1.0, Younes & Littman 2004) or `(oneof effect ...)`.
+
+    At most one outcome happens; with the rest of the probability there is none.
+    """
+
+    outcomes: tuple[ChanceOutcome, ...]
+    place: Place
+
+
+Effect = SetPredicate | ChangeFunction | When | ForallEffect | Chance
 
 # Definitions -----------------------------------------------------------------------------------
 
@@ -289,6 +309,8 @@ class ProblemSyntax:
     true_atoms: tuple[Atom, ...]
     values: tuple[tuple[FunctionTerm, Number], ...]
     goal: Condition | None
+    goal_reward: Number | None
+    """The reward for reaching the goal (PPDDL); None: 1, or what the metric says."""
     metric: Metric | None
     place: Place
     init: Place | None

@@ -157,7 +157,7 @@ class _Relaxation:
         """Add an operator for all effects of a schema that have the same condition."""
         needs = self._all(schema.preconditions, True)
         operators: dict[int, _Operator] = {}
-        for effect in schema.effects:
+        for effect in schema.possible_effects:
             if (condition := id(effect.condition)) not in operators:
                 facts = needs + self._facts(effect.condition, True)
                 operators[condition] = _Operator(facts, cost, [], {})

@@ -28,7 +28,7 @@ def inert_fluents(model: TransitionModel) -> NDArray[np.int64]:
     if ground.metric is not None:
         read |= _not_added(ground.metric.value)
         terms = set(g.fluents_of(ground.metric.value))
-        for effect in (effect for schema in ground.schemas for effect in schema.effects):
+        for effect in (effect for schema in ground.schemas for effect in schema.possible_effects):
             if effect.target in terms and getattr(effect, "change", None) not in _SUMS:
                 read.add(effect.target)
     return np.array([k for k in range(len(ground.fluents)) if k not in read], dtype=np.int64)

@@ -128,11 +128,13 @@ class Happened(NamedTuple):
 
     Attributes:
         action: Position of the ground action that was carried out; -1 for none.
+        outcome: The outcome of the action, from 0; see `GroundSchema.outcomes`.
         flags: The flags of the step.
         passages: Returns the effects, rates and events that took part, in order.
     """
 
     action: int
+    outcome: int
     flags: int
     passages: Callable[[], list[Passage]]
 
@@ -170,7 +172,7 @@ class FileWorld(gym.Env[Vector, int]):
         self._start = _initial_state(domain)
         self._options = options or WorldOptions()
         self.state = self._start
-        self.happened = Happened(-1, 0, list)
+        self.happened = Happened(-1, 0, 0, list)
         self._numeric = np.array([f.numeric for f in self.model.fluents], dtype=np.bool_)
         self.observation_space = spaces.Box(
             np.where(self._numeric, -np.inf, 0.0),
@@ -196,10 +198,11 @@ class FileWorld(gym.Env[Vector, int]):
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         done = self._disturbed(int(action))
-        out, flags, trace = self._carried_out(done)
+        outcome = self._drawn(done)
+        out, flags, trace = self._carried_out(done, outcome)
         if not flags & (APPLICABLE | UNDEFINED):
-            done = -1
-            out, flags, trace = self._carried_out(done)
+            done, outcome = -1, 0
+            out, flags, trace = self._carried_out(done, outcome)
         model = self.model
         if not flags & APPLICABLE:
             name = "waiting" if done < 0 else model.actions[done].name
@@ -209,7 +212,7 @@ class FileWorld(gym.Env[Vector, int]):
                 "contradicts itself"
             )
         reward = out.pop()
-        self.state, self.happened = np.array(out), Happened(done, flags, trace)
+        self.state, self.happened = np.array(out), Happened(done, outcome, flags, trace)
         info = {"applied": done == action, "unsafe": bool(flags & UNSAFE)}
         return self.state.copy(), reward, bool(flags & TERMINAL), False, info
 
@@ -228,13 +231,28 @@ class FileWorld(gym.Env[Vector, int]):
         others = [k for k in possible if k != action]
         return others[int(self.np_random.integers(len(others)))] if others else -1
 
-    def _carried_out(self, action: int) -> tuple[list[float], int, Callable[[], list[Passage]]]:
+    def _drawn(self, action: int) -> int:
+        """Draw the outcome of an action that has several."""
+        outcomes = self.model.actions[action].outcomes if action >= 0 else ()
+        if not outcomes:
+            return 0
+        ends = np.cumsum([outcome.probability for outcome in reversed(outcomes)])[::-1]
+        return int((self.np_random.random() < ends).sum())
+
+    def _carried_out(
+        self, action: int, outcome: int
+    ) -> tuple[list[float], int, Callable[[], list[Passage]]]:
         """Return next state and reward, the flags, and what returns the passages."""
         state = self.state.tolist()
-        if self._options.noise > 0.0:
-            out, flags, passages = self.model.traced(state, action, amend=self._scatter)
+        if self._options.noise > 0.0 or outcome:
+            amend = self._scatter if self._options.noise > 0.0 else None
+            out, flags, passages = self.model.traced(state, action, amend=amend, outcome=outcome)
             return out, flags, lambda: passages
-        out, flags = self.model.transition(state, action)
+        if action >= 0 and self.model.actions[action].outcomes:
+            table, flags = self.model.written_core().step_of_outcome(self.state, action, 0)
+            out = table.tolist()
+        else:
+            out, flags = self.model.transition(state, action)
         return out, flags, lambda: self.model.traced(state, action).passages
 
     def _scatter(self, state: list[float], action: int, out: list[float]) -> None:

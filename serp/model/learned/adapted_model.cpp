@@ -90,8 +90,9 @@ void AdaptedModel::place_groups() {
 }
 
 bool AdaptedModel::branches() const {
-    return std::any_of(shared_.begin(), shared_.end(),
-                       [](const auto& shared) { return shared->counted(); });
+    return written_->branches() || std::any_of(shared_.begin(), shared_.end(), [](const auto& shared) {
+               return shared->counted();
+           });
 }
 
 bool AdaptedModel::active() const {
@@ -238,7 +239,20 @@ public:
         if (model_.revised()) written_.from(state);
     }
 
+    /// Sets the outcome of the file that `unweighed` predicts from now on.
+    void choose(int outcome) {
+        file_.choose(outcome);
+        written_.choose(outcome);
+    }
+
     Flags step(int action, double* out) override {
+        if (file_.program().outcomes(action) > 1) {
+            rows_.resize(OUTCOMES * (width_ + 3));
+            const int count = chance_outcomes(action, rows_.data());
+            const auto first = static_cast<Flags>(rows_[width_ + 1]);
+            if (!(first & APPLICABLE)) return first;
+            return joint(rows_.data(), count, width_, flagged_by_file(action), out);
+        }
         const Flags flags = unweighed(action, out);
         if (!model_.worth() || !(flags & APPLICABLE) || (flags & UNSAFE)) return flags;
         const Worth worth = weigh(action, {out[width_], expected_end_});
@@ -280,10 +294,70 @@ public:
     }
 
     int outcomes(int action, double* rows) override {
+        if (file_.program().outcomes(action) > 1) return chance_outcomes(action, rows);
+        const int count = chosen_outcomes(action, rows);
+        if (count == 0) return only_outcome(action, rows, width_);
+        if (model_.worth()) weigh_outcomes(action, rows, count);
+        return count;
+    }
+
+private:
+    /// Writes all outcomes that the file gives an action, each with those that are learned of it.
+    int chance_outcomes(int action, double* rows) {
+        const int row = width_ + 3, chances = file_.program().outcomes(action);
+        std::vector<double> part(OUTCOMES * row);
+        std::vector<std::vector<double>> all;
+        for (int k = 0; k < chances; ++k) {
+            choose(k);
+            int count = chosen_outcomes(action, part.data());
+            if (count == 0) {
+                part[width_ + 1] = static_cast<double>(unweighed(action, part.data()));
+                part[width_ + 2] = count = 1;
+            }
+            for (int j = 0; j < count; ++j) {
+                const double* of = part.data() + j * row;
+                all.emplace_back(of, of + row).back() *= file_.program().chance(action, k);
+                if (static_cast<Flags>(of[width_ + 1]) & APPLICABLE) continue;
+                choose(0);  // a step without a result must not count as safe
+                std::copy_n(of, row, rows);
+                rows[width_ + 2] = 1.0;
+                return 1;
+            }
+        }
+        choose(0);
+        const auto likelier = [](const auto& one, const auto& other) {
+            return one.back() > other.back();
+        };
+        std::stable_sort(all.begin(), all.end(), likelier);
+        const int count = std::min(static_cast<int>(all.size()), OUTCOMES);
+        double total = 0.0;
+        for (int k = 0; k < count; ++k) total += all[k].back();
+        for (int k = 0; k < count; ++k) {
+            std::copy_n(all[k].data(), row, rows + k * row);
+            rows[k * row + width_ + 2] /= total;
+        }
+        if (model_.worth()) weigh_outcomes(action, rows, count);
+        return count;
+    }
+
+    /// Whether the file as written flags every outcome of an action.
+    bool flagged_by_file(int action) {
+        FileStep& file = model_.revised() ? written_ : file_;
+        bool flagged = true;
+        for (int k = 0; k < file.program().outcomes(action) && flagged; ++k) {
+            choose(k);
+            flagged = file.step(action, other_.data()) & UNSAFE;
+        }
+        choose(0);
+        return flagged;
+    }
+
+    /// Writes what is learned of the outcomes of an action, as `outcomes` does, but for reward and
+    /// end; 0 where the step of `unweighed` is the only one.
+    int chosen_outcomes(int action, double* rows) {
         const int width = width_, row = width + 3;
         Flags before = 0;
         const int count = model_.counted(action) ? branch(action, rows, before) : 0;
-        if (count == 0) return only_outcome(action, rows, width);
         int kept = 0;
         double total = 0.0;
         for (int k = 0; k < count; ++k) {
@@ -300,12 +374,11 @@ public:
             total += target[width + 2];
             ++kept;
         }
-        if (kept == 0) return only_outcome(action, rows, width);  // all are rare
         for (int k = 0; k < kept; ++k) rows[k * row + width + 2] /= total;
-        if (model_.worth()) weigh_outcomes(action, rows, kept);
-        return kept;
+        return kept;  // 0: all are rare
     }
 
+public:
     /// The largest leverage of what the file does not predict. The file predicts what has typical
     /// errors of at most half of the change.
     double uncertainty(int action) override {
@@ -515,6 +588,7 @@ private:
     OutcomeRoom outcomes_;
     /// [F + 1] after effects, processes and residual; the same with the likeliest outcomes; scratch.
     std::vector<double> flowed_, usual_, other_;
+    std::vector<double> rows_;  ///< outcomes of an action with chance
     std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
     std::vector<int> columns_;                          ///< [F] of all fluents
     std::unique_ptr<Residual> worth_;
@@ -535,7 +609,9 @@ void AdaptedModel::weigh(ObservedStep& step) const {
     auto& stepper = static_cast<AdaptedStepper&>(*observer_);
     std::vector<double> out(fluents() + 1);
     stepper.from(step.state.data());
+    stepper.choose(step.file.chosen());
     const Flags flags = stepper.unweighed(step.action, out.data());
+    stepper.choose(0);
     step.expected_reward = out.back();
     step.expected_end = stepper.expected_end();
     step.weighed = (flags & APPLICABLE) && !(flags & UNSAFE);
@@ -605,6 +681,7 @@ std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& st
         ObservedStep{model.file_step(), static_cast<int>(action), over, reward, vector_of(state),
                      vector_of(next_state), std::vector<double>(model.fluents() + 1)});
     step->file.from(from);
+    step->file.choose(model.written().likeliest_outcome(from, step->action, next_state.data()));
     step->flags = step->file.flow(step->action, step->flowed.data());
     if (!(step->flags & APPLICABLE)) return nullptr;
     step->settled = step->flowed;

@@ -102,6 +102,8 @@ class AdaptedModel(TransitionModel):
         If the file as written flags the step unsafe, the trace is the file's; if there is a risk,
         it is that of the likeliest unsafe outcome.
         """
+        if self.actions[action].outcomes:  # of these the file's own outcomes are told
+            return self.written.passages(state, action)
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         flags = UNSAFE if self.as_written else self.transition(values, action)[1]
         if flags & UNSAFE:

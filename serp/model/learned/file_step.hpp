@@ -33,14 +33,27 @@ public:
     int width() const { return program_->fluents(); }
     const SameArguments& others() const { return *others_; }
 
+    const Program& program() const { return *program_; }
+
     /// Sets the state [F] that steps start from, by a copy.
     void from(const double* state) { program_->from(state, frame_.data()); }
 
+    /// Sets the outcome that `step` and `flow` predict from now on, where an action has several.
+    void choose(int outcome) { outcome_ = outcome; }
+    int chosen() const { return outcome_; }
+
     /// The whole step; see `Program::step`.
-    Flags step(int action, double* out) { return program_->step(action, out, frame_.data()); }
+    Flags step(int action, double* out) {
+        return program_->step(program_->variant(action, outcome_), out, frame_.data());
+    }
 
     /// Writes state [F] and reward after effects and processes; see `Program::flow`.
-    Flags flow(int action, double* out) { return program_->flow(action, out, frame_.data()); }
+    Flags flow(int action, double* out) {
+        return program_->flow(program_->variant(action, outcome_), out, frame_.data());
+    }
+
+    /// `flow` with the likeliest outcome of an action, whatever was chosen.
+    Flags usual_flow(int action, double* out) { return program_->flow(action, out, frame_.data()); }
 
     /// Applies events to what `flow` wrote; see `Program::settle`.
     Flags settle(Flags flags, double* out) { return program_->settle(flags, out, frame_.data()); }
@@ -49,6 +62,7 @@ private:
     const Program* program_;
     const SameArguments* others_;
     std::vector<double> frame_;
+    int outcome_ = 0;
 };
 
 /// Numbers of at least this size are not learned from; sums of their squares would overflow.

@@ -170,7 +170,7 @@ bool OutcomeTable::predict(const OutcomeStep& step, int kind, std::int64_t schem
         return true;
     }
     const int other = step.file.others().of(step.action, schema);
-    if (other < 0 || !(step.file.flow(other, room.step.data()) & APPLICABLE)) return false;
+    if (other < 0 || !(step.file.usual_flow(other, room.step.data()) & APPLICABLE)) return false;
     for (int k = 0; k < columns(); ++k) values[k] = room.step[step.inputs[places_[k]]];
     return true;
 }

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground_model as g
+from serp.model.flags import TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change, Kind
 
@@ -261,10 +262,27 @@ def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int6
     return predicted_steps(model, states, actions)[:, :-2]
 
 
-def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any."""
+def predicted_steps(
+    model: TransitionModel,
+    states: Vector,
+    actions: NDArray[np.int64],
+    observed: Vector | None = None,
+) -> Vector:
+    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any.
+
+    Of an action with chance the likeliest outcome is predicted; with the `observed` next states
+    `[N, F]` the outcome that fits them best, for which one it is the file cannot know.
+    """
     finite = np.isfinite(states)
     step = model.step(np.where(finite, states, 0.0), actions)
     ahead = np.column_stack((step.state, step.reward, step.terminal))
+    chance = np.array([bool(action.outcomes) for action in model.actions] or [False])
+    if observed is not None and chance.any():
+        core = model.written_core()
+        for row in np.flatnonzero(chance[actions] & (actions >= 0) & finite.all(1)):
+            action = int(actions[row])
+            outcome = core.outcome_of(states[row], action, np.nan_to_num(observed[row]))
+            out, flags = core.step_of_outcome(states[row], action, outcome)
+            ahead[row] = *out, bool(flags & TERMINAL)
     ahead[~(finite.all(1) & step.applicable)] = np.nan
     return ahead

@@ -44,13 +44,17 @@ _ROUNDING: Final = 1e-9  # a change below this fraction of a value's size is rou
 
 
 def forecast_with(
-    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
+    model: TransitionModel,
+    findings: Findings,
+    states: Vector,
+    actions: NDArray[np.int64],
+    observed: Vector | None = None,
 ) -> tuple[Vector, Vector]:
     """Return what the written model patched with findings predicts for `states` `[N, F]`.
 
-    It is the expected result of the ground `actions` `[N]`, and its variance due to stochastic
-    effects, `[N, F + 2]` each. The columns are the fluents, the reward and the end; NaN in rows
-    without a next state.
+    `observed` are the next states, see `predicted_steps`. The prediction is the expected result of
+    the ground `actions` `[N]`, and its variance due to stochastic effects, `[N, F + 2]` each. The
+    columns are the fluents, the reward and the end; NaN in rows without a next state.
     """
     lifted = LiftedModel(model.ground)
     theta = model.theta.copy()
@@ -63,7 +67,7 @@ def forecast_with(
     ground = with_effects(lifted, added)
     theta = np.concatenate((theta, [term.coefficient for _, term in terms]))
     patched = TransitionModel(ground, dt=model.dt, theta=theta)
-    mean = predicted_steps(patched, states, actions)
+    mean = predicted_steps(patched, states, actions, observed)
     variance = np.zeros(mean.shape)
     width = states.shape[1]
     instances = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
@@ -141,7 +145,7 @@ class Steps(NamedTuple):
         rewards, over = experience.rewards[sample.positions], experience.over[sample.positions]
         before = np.column_stack((sample.states, np.zeros((len(sample), 2))))
         after: Vector = np.column_stack((sample.next_states, rewards, over))
-        predicted = predicted_steps(model, sample.states, sample.actions)
+        predicted = predicted_steps(model, sample.states, sample.actions, sample.next_states)
         return cls(sample, before, after, predicted, _units(model, before, after, predicted))
 
 

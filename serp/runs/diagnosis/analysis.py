@@ -257,7 +257,8 @@ def _with_cost(model: TransitionModel, steps: Steps, effect: StochasticEffect) -
     own = [k for k, action in enumerate(model.actions) if action.schema == effect.schema]
     rows = np.isin(steps.sample.actions, own)
     states, actions = steps.sample.states[rows], steps.sample.actions[rows]
-    mean, _ = forecast_with(model, Findings(stochastic=(effect,)), states, actions)
+    after = steps.sample.next_states[rows]
+    mean, _ = forecast_with(model, Findings(stochastic=(effect,)), states, actions, after)
     error, left = (
         np.nansum(((steps.after[rows] - forecast) / steps.units)[:, :-2] ** 2)
         for forecast in (steps.predicted[rows], mean)
@@ -289,8 +290,9 @@ def _rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
     pairs = np.stack((steps.predicted[:, -2:], steps.after[:, -2:]), axis=1)
     for row in np.flatnonzero((pairs != 0.0).any(axis=(1, 2)) & np.isfinite(pairs).all((1, 2))):
         state, action = sample.states[row], int(sample.actions[row])
-        predicted = lines.predicted(state, action, pairs[row, 0])
-        judged = lines.judged(state, action, sample.next_states[row])
+        after = sample.next_states[row]
+        predicted = lines.predicted(state, action, after, pairs[row, 0])
+        judged = lines.judged(state, action, after)
         for name, (expected, observed) in zip(cases, pairs[row].T.tolist(), strict=True):
             said, seen = predicted[name], judged[name]
             if observed == 0.0:  # a line that applies to the observed state cannot be the cause
@@ -342,9 +344,16 @@ class _Lines:
         self._goal = None if goal is None else _Line("goal", getattr(goal, "place", None))
         self._metric = None if metric is None else _Line("metric", None)
 
-    def predicted(self, state: Vector, action: int, worth: Vector) -> dict[str, set[_Line]]:
-        """Return the lines that are predicted to apply; `worth` is the predicted reward and end."""
-        return self._applied(self._model.trace(state, action)[0], *worth.tolist())
+    def predicted(
+        self, state: Vector, action: int, next_state: Vector, worth: Vector
+    ) -> dict[str, set[_Line]]:
+        """Return the lines that are predicted to apply; `worth` is the predicted reward and end.
+
+        Of an action with chance they are those of the outcome that fits the next state best.
+        """
+        outcome = self._model.written_core().outcome_of(state, action, next_state)
+        passages = self._model.traced(state.tolist(), action, outcome=outcome).passages
+        return self._applied([passage.site for passage in passages], *worth.tolist())
 
     def judged(self, state: Vector, action: int, next_state: Vector) -> dict[str, set[_Line]]:
         """Return the lines that apply to an observed transition."""

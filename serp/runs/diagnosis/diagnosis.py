@@ -140,7 +140,10 @@ def make_diagnosis(recorded: Run, found: Findings) -> Diagnosis:
     steps = Steps.of(model, recorded.adaptation.experience)
 
     def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
-        mean, variance = forecast_with(model, told, steps.sample.states, steps.sample.actions)
+        sample = steps.sample
+        mean, variance = forecast_with(
+            model, told, sample.states, sample.actions, sample.next_states
+        )
         return mean, quantities_of(model, steps, mean, variance)
 
     processes = {process.schema for process in model.ground.processes}

@@ -182,7 +182,7 @@ def _summary(domain: Domain) -> Iterator[str]:
 
     def changing(target: int) -> list[str]:
         """Return the schemas that change a target."""
-        changed = (s for s in ground.schemas if any(e.target == target for e in s.effects))
+        changed = (s for s in ground.schemas if any(e.target == target for e in s.possible_effects))
         return [*dict.fromkeys(f"{s.kind.value} {s.schema}" for s in changed)]
 
     rewarded = []

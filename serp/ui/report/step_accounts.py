@@ -33,6 +33,7 @@ _DECIDES: Final = {
     Reason.LOW_REWARD: ("reward",),
 }
 """Reason → kinds of causes that it is about."""
+_UNPLACED: Final = {"learned": "what the run has learned", "chance": "its other outcomes"}
 _LABELS: Final = {
     "end": "ends the task",
     "failed": "not applicable",
@@ -165,7 +166,7 @@ def shown_cause(cause: Cause, sources: Sequence[Source]) -> dict[str, str]:
     texts = {
         "kind": cause.what,
         "label": _LABELS.get(cause.what, cause.what),
-        "by": "what the run has learned" if cause.origin == "learned" else cause.schema,
+        "by": _UNPLACED.get(cause.origin, cause.schema),
         "text": cause.text,
         "condition": cause.condition,
         "comment": cause.comment,

@@ -129,7 +129,10 @@ def _uses(row):
 def test_a_repetition_that_never_ends_is_ended():
     again = 11  # of no fluents and parameters: 7 fixed numbers, the reward, intermediate results
     code = [[3, again, 4, 0], [REPEAT, again, 0, 1], [0, APPLICABLE, 0, 0]]
-    program = _core.Program(np.array(code, dtype=np.uint32), np.zeros(5, dtype=np.uint32), 0, 0, 8)
+    program = _core.Program(
+        np.array(code, dtype=np.uint32), np.zeros(5, dtype=np.uint32), 0, 0, 8,
+        np.arange(2, dtype=np.uint32), np.ones(1),
+    )  # fmt: skip
     out, flags = _core.WrittenModel(program, np.zeros(0), 1.0).step(np.zeros(0), 0)
     assert flags == APPLICABLE and out.shape == (1,)
 
