@@ -4,7 +4,7 @@
 
 A number is a world, and every 200th one each a run that is killed, a full disk and torn files
 (`tests.benchmarks.knocks`); with `--only` all numbers are of that kind. A number names all that is
-random in it, so that `--seed N --decisions 1` repeats it, and `--seed N` goes on where a soak ended.
+random in it: `--seed N --decisions 1` repeats it, and `--seed N` goes on where a soak ended.
 
 A world is a random domain file that starts in a random state, with failures, slips and noise; or
 blocks or a gripper. A training in it has a random preset, strategy, planner, kind of adaptation,
