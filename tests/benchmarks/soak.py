@@ -195,6 +195,9 @@ class Judge:
         counts["in a learned model"] += not written
         if executed < 0:
             return
+        safe = decision.forecast.safe
+        if safe.any() and not safe[decision.action]:
+            raise Fault(f"{self._names[executed]} is not safe, and another is: {decision}")
         flagged, has_result = self.flags(state, executed)
         if flagged or not has_result:
             counts["flagged"] += flagged
