@@ -22,6 +22,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any, Final, NamedTuple
@@ -36,6 +37,8 @@ from tests.serp.runs.runs import everything, without_pictures
 TASKS: Final = ("soccer", "soccer", "cliff", "cartpole", "frozen-lake", "taxi", "corner-kick")
 """Installed tasks of which a run is one; half of the runs are in random worlds."""
 ENV_STEPS: Final = 1_500
+READERS_A_FILE: Final = 4
+"""Commands, drawn by chance, that read a torn file."""
 KILLS: Final = 4
 """So often a run is killed before it may end."""
 SECONDS: Final = 300
@@ -165,7 +168,7 @@ def scratch() -> Iterator[Path]:
         yield Path(folder)
 
 
-def left_by(run: Path) -> Any:
+def left_by(run: Path) -> dict[str, Any]:
     """Return what a run left, but for its times."""
     summary = json.loads((run / "summary.json").read_text())
     for name in ("wall_time", "steps_per_second"):
@@ -173,33 +176,37 @@ def left_by(run: Path) -> Any:
     return dict(zip(PARTS, (*everything(run), summary), strict=True))
 
 
-def whole(job: Job, folder: Path) -> tuple[Any, float, Counter[str]] | None:
+def tried(function: Callable[[], Any], what: str, *, must: bool = False) -> Ended:
+    """Call a function as `apart` does; check that it ends well or, unless it must, with a message.
+
+    Raises:
+        soak.Fault: It does not.
+    """
+    ended = apart(function)
+    errors = ended.text.count("Error: ")
+    if "Traceback" in ended.text or ended.status not in (0, 1) or ended.status != errors or (
+        must and ended.status
+    ):  # fmt: skip
+        raise soak.Fault(f"{what}\nended with {ended.status}:\n{ended.text[-3000:]}")
+    return ended
+
+
+def whole(job: Job, folder: Path) -> tuple[dict[str, Any], float, Counter[str]] | None:
     """Make the undisturbed run: what it left, its seconds, counts; None where it is refused."""
-    ended = apart(lambda: job.judged(folder / "whole"))
-    clean(ended, f"{job}")
+    ended = tried(lambda: job.judged(folder / "whole"), f"{job}")
     if ended.status:
         return None
     counts = Counter(json.loads((folder / "counts").read_text()))
     return left_by(folder / "whole"), ended.seconds, counts
 
 
-def clean(ended: Ended, what: str) -> None:
-    """Check that a command ended well, or with one message.
+def finish(job: Job, run: Path, expected: dict[str, Any], what: str) -> None:
+    """Go on with a run, and check that it leaves what is expected.
 
     Raises:
-        soak.Fault: It did not.
+        soak.Fault: It does not.
     """
-    errors = ended.text.count("Error: ")
-    if "Traceback" in ended.text or ended.status not in (0, 1) or (ended.status and errors != 1):
-        raise soak.Fault(f"{what}\nended with {ended.status}:\n{ended.text[-3000:]}")
-
-
-def compare(job: Job, run: Path, expected: Any, what: str) -> None:
-    """Check that a run left what is expected.
-
-    Raises:
-        soak.Fault: It did not.
-    """
+    tried(lambda: job.run(run), f"{what}: {job}", must=True)
     left = left_by(run)
     if differing := [part for part in PARTS if left[part] != expected[part]]:
         kept = tempfile.mkdtemp(prefix="differs-")
@@ -211,75 +218,54 @@ def kills(number: int) -> Counter[str]:
     """Kill a run at random moments, and go on with it."""
     random, job = Random(number), Job.drawn(number, ENV_STEPS)
     with scratch() as folder:
-        made = whole(job, folder)
-        if made is None:
+        if (made := whole(job, folder)) is None:
             return Counter({"runs refused": 1})
         expected, seconds, counts = made
         for _ in range(KILLS):
             if apart(lambda: job.run(folder / "run"), random.uniform(0, seconds)).status == 0:
                 break
             counts["kills"] += 1
-        ended = apart(lambda: job.run(folder / "run"))
-        clean(ended, f"after kills: {job}")
-        if ended.status:
-            raise soak.Fault(f"after kills: {ended.text[-1000:]} {job}")
-        compare(job, folder / "run", expected, "after kills")
+        finish(job, folder / "run", expected, "after kills")
         return counts + Counter({"killed runs": 1})
 
 
-@contextlib.contextmanager
-def small_disk(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
-    """Make a folder a disk of so many bytes; yield what makes it larger. It takes root."""
-    folder.mkdir()
-
-    def mount(*options: str) -> None:
-        subprocess.run(["mount", *options, str(folder)], check=True, capture_output=True)
-
-    mount("-t", "tmpfs", "-o", f"size={size}", "tmpfs")
-    try:
-        yield lambda larger: mount("-o", f"remount,size={larger}")
-    finally:
-        subprocess.run(["umount", str(folder)], check=True)
-
-
 def disk(number: int) -> Counter[str]:
-    """Let a run meet a full disk, or a limit of the size of files, and go on with more room."""
+    """Let a run meet full disks, or a limit of the size of files, and go on with more room.
+
+    A full disk is a small one that is mounted, which takes root.
+    """
     random, job = Random(number), Job.drawn(number, ENV_STEPS // 3)
-    with scratch() as folder:
-        made = whole(job, folder)
-        if made is None:
+    with scratch() as folder, contextlib.ExitStack() as stack:
+        if (made := whole(job, folder)) is None:
             return Counter({"runs refused": 1})
         expected, _, counts = made
         files = [f.stat().st_size for f in (folder / "whole").rglob("*") if f.is_file()]
         mounted = os.geteuid() == 0 and random.random() < 0.7
         most = sum(files) + 4096 * len(files) if mounted else max(files)
         rooms = sorted(random.randint(0, most) // 4096 * 4096 + 4096 for _ in range(4))
-        run = folder / "disk" / "run"
-        with contextlib.ExitStack() as stack:
-            if mounted:
-                enlarge = stack.enter_context(small_disk(folder / "disk", rooms[0]))
-            else:
-                (folder / "disk").mkdir()
+        place = folder / "disk"
+        place.mkdir()
 
-            def limited(room: int) -> None:
-                if not mounted:
-                    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
-                    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
-                job.run(run)
+        def mount(*options: str) -> None:
+            subprocess.run(["mount", *options, str(place)], check=True, capture_output=True)
 
-            for room in rooms:
-                if mounted:
-                    enlarge(room)
-                ended = apart(lambda room=room: limited(room))  # type: ignore[misc]
-                clean(ended, f"disk of {room} bytes, {mounted=}: {job}")
-                counts["full disks"] += ended.status
+        def limited(room: int) -> None:
+            if not mounted:
+                hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+                resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+            job.run(place / "run")
+
+        if mounted:
+            mount("-t", "tmpfs", "-o", "size=4096", "tmpfs")
+            stack.callback(subprocess.run, ["umount", str(place)], check=True)
+        what = f"after {'disks' if mounted else 'limits'} of {rooms}"
+        for room in rooms:
             if mounted:
-                enlarge(1 << 30)
-            ended = apart(lambda: job.run(run))
-            clean(ended, f"after {rooms}, {mounted=}: {job}")
-            if ended.status:
-                raise soak.Fault(f"after {rooms}, {mounted=}: {ended.text[-1000:]} {job}")
-            compare(job, run, expected, f"after disks of {rooms}, {mounted=}")
+                mount("-o", f"remount,size={room}")
+            counts["full disks"] += tried(partial(limited, room), f"{what}: {job}").status
+        if mounted:
+            mount("-o", f"remount,size={1 << 30}")
+        finish(job, place / "run", expected, what)
         return counts + Counter({"runs on full disks": 1})
 
 
@@ -287,170 +273,131 @@ def disk(number: int) -> Counter[str]:
 
 
 def torn_content(random: Random, data: bytes) -> tuple[str, bytes | None]:
-    """Return other content of a file, and what happened to it; None for no file."""
-    kind = random.choice(("cut", "bit", "bit", "byte", "empty", "garbage", "zeros", "gone", "more"))
-    at = random.randrange(len(data)) if data else 0
-    if kind == "cut":
-        return f"cut at {at}", data[:at]
-    if kind == "bit" and data:
-        flipped = bytes([data[at] ^ (1 << random.randrange(8))])
-        return f"bit at {at}", data[:at] + flipped + data[at + 1 :]
-    if kind == "byte" and data:
-        return f"byte at {at}", data[:at] + random.randbytes(1) + data[at + 1 :]
-    if kind == "zeros":
-        return f"zeros from {at}", data[:at] + bytes(len(data) - at)
-    if kind == "more":
-        return "more", data + random.randbytes(30)
-    return kind, {"empty": b"", "garbage": random.randbytes(200), "gone": None}.get(kind, b"")
+    """Return what happens to a file, and its content then; None for no file."""
+    at = random.randrange(len(data) or 1)
+    bit = bytes([data[at] ^ (1 << random.randrange(8))]) if data else b"x"
+    contents = {
+        "cut": data[:at],
+        "bit": data[:at] + bit + data[at + 1 :],
+        "byte": data[:at] + random.randbytes(1) + data[at + 1 :],
+        "zeros": data[:at] + bytes(len(data) - at),
+        "more": data + random.randbytes(30),
+        "empty": b"",
+        "garbage": random.randbytes(200),
+        "gone": None,
+    }
+    kind = random.choice([*contents, "bit", "bit"])
+    return f"{kind} at {at}", contents[kind]
 
 
-def commands(run: Path, steps: int) -> dict[str, list[str]]:
-    """Return name → the command line of whatever reads a run; results stand beside the run."""
-    name, beside = str(run), run.parent
-    more = str(steps + 60)
-    return {
-        "evaluate": ["evaluate", name, "--episodes", "2"],
-        "why": ["why", name, "--step", str(steps // 2)],
-        "why evaluation": ["why", name, "--step", "0", "--evaluation", "serp-seed5"],
-        "report": ["report", name, "--pictures", "0", "--steps", "100",
-                   "-o", str(beside / "answer.html")],
-        "diagnose": ["diagnose", name, "--json"],
-        "repair": ["repair", name, "-o", str(beside / "answer.pddl")],
-        "export": ["export", name, "-o", str(beside / "answer")],
-        "resume": ["plan-and-learn", "--resume", name, "--env-steps", more, "--quiet"],
-    }  # fmt: skip
+Reader = Callable[[Path], Any]
+"""Reads a folder by a command; returns its answer but for times and folders."""
 
 
-def answered(run: Path, command: str, steps: int) -> tuple[Ended, Any]:
-    """Run a command; return how it ended, and its answer but for times and folders."""
-    ended = apart(lambda: serp.main(commands(run, steps)[command], standalone_mode=False))
+def command(*line: str) -> Reader:
+    """Return the reader by a command; `{}` is the run, and results stand beside it as `answer…`."""
+
+    def read(run: Path) -> Any:
+        serp.main([word.format(run) for word in line], standalone_mode=False)
+        sys.stdout.flush()
+
+    return read
+
+
+READERS: Final[dict[str, Reader]] = {
+    "evaluate": command("evaluate", "{}", "--episodes", "2"),
+    "why": command("why", "{}", "--step", "150"),
+    "why of an evaluation": command("why", "{}", "--step", "0", "--evaluation", "serp-seed5"),
+    "report": command(
+        "report", "{}", "--pictures", "0", "--steps", "100", "-o", "{}/../answer.html"
+    ),
+    "diagnose": command("diagnose", "{}", "--json"),
+    "repair": command("repair", "{}", "-o", "{}/../answer.pddl"),
+    "export": command("export", "{}", "-o", "{}/../answer"),
+    "resume": command("plan-and-learn", "--resume", "{}", "--env-steps", "360", "--quiet"),
+}
+COMPARE: Final = {
+    "compare": command(
+        "compare", "--domain", "cliff", "--algorithms", "serp,dqn", "--seeds", "2",
+        "--env-steps", "150", "--evaluation-episodes", "1", "--final-episodes", "2", "--jobs", "1",
+        "--quiet", "--out", "{}"
+    )
+}  # fmt: skip
+
+
+def answer_of(run: Path, name: str, ended: Ended) -> Any:
+    """Return what a command answered, but for times and folders; None where it refused."""
     if ended.status:
-        return ended, None
-    if command == "resume":
-        return ended, left_by(run)
+        return None
+    if name == "resume":
+        return left_by(run)
+    if name == "compare":
+        with open(run / "measures.csv", newline="") as file:
+            return [{**row, "seconds_per_1000": ""} for row in csv.DictReader(file)]
     files = {
         str(file.relative_to(run.parent)): file.read_bytes().replace(str(run.parent).encode(), b"")
-        for place in run.parent.glob("answer*")
-        for file in ([place] if place.is_file() else sorted(place.rglob("*")))
-        if file.is_file() and file.name != ".lock"
+        for file in sorted(run.parent.rglob("*"))
+        if file.is_file() and run not in file.parents and file.name != ".lock"
     }
-    return ended, (_NUMBERS.sub("", ended.text), files)
+    return _NUMBERS.sub("", ended.text), files
 
 
 def contents(run: Path) -> dict[str, bytes]:
-    """Return name → content of the files of a run but for its lock."""
+    """Return name → content of the files of a run but for locks."""
     files = {str(f.relative_to(run)): f for f in run.rglob("*") if f.is_file()}
-    return {name: f.read_bytes() for name, f in files.items() if not name.endswith(".lock")}
+    return {name: f.read_bytes() for name, f in files.items() if f.name != ".lock"}
 
 
 def torn(number: int) -> Counter[str]:
-    """Tear each file of a run, and have it read by every command."""
-    if number % 3 == 0:
-        return torn_comparison(number)
-    random, counts, steps = Random(number), Counter({"torn runs": 1}), 300
-    job = Job.drawn(number, steps)
+    """Tear each file of a run, or some of a comparison, and have it read by commands."""
+    random, job = Random(number), Job.drawn(number, 300)
     with scratch() as folder:
-        if whole(job, folder) is None:
+        run, own = folder / "whole", folder / "own" / "run"
+        readers = READERS if number % 3 else COMPARE
+        if readers is COMPARE:
+            tried(lambda: COMPARE["compare"](run), "compare", must=True)
+        elif whole(job, folder) is None:
             return Counter({"runs refused": 1})
-        run = folder / "whole"
-        first = ["evaluate", str(run), "--seed", "5", "--episodes", "2"]
-        clean(apart(lambda: serp.main(first, standalone_mode=False)), "evaluate")
+        else:
+            evaluate = command("evaluate", "{}", "--seed", "5", "--episodes", "2")
+            tried(lambda: evaluate(run), f"evaluate: {job}", must=True)
         names = sorted(contents(run))
-        own = folder / "own" / "run"
-        intact: dict[str, Any] = {}
+        counts = Counter({"torn runs": 1})
+
+        def read(reader: str, what: str, *, must: bool) -> Any:
+            before = contents(own)
+            ended = tried(lambda: readers[reader](own), what, must=must)
+            after = contents(own)
+            lost = [name for name in before if after.get(name) != before[name]]
+            if lost and (ended.status or reader not in ("resume", "compare")):
+                raise soak.Fault(f"{what}\nchanged {lost}:\n{ended.text[-1000:]}")
+            counts["refused"] += ended.status
+            return answer_of(own, reader, ended)
 
         def fresh() -> None:
             shutil.rmtree(own.parent, ignore_errors=True)
             shutil.copytree(run, own)
 
-        for command in commands(own, steps):
+        intact = {}
+        for reader in readers:
             fresh()
-            ended, intact[command] = answered(own, command, steps)
-            clean(ended, f"{command} of an intact run: {job}")
-        for name in names:
-            data = (run / name).read_bytes()
-            how, content = torn_content(random, data)
-            for command in commands(own, steps):
+            intact[reader] = read(reader, f"{reader} of what is intact: {job}", must=True)
+        for name in names if readers is READERS else random.sample(names, 8):
+            how, content = torn_content(random, (run / name).read_bytes())
+            for reader in random.sample(list(readers), min(READERS_A_FILE, len(readers))):
                 fresh()
-                tear(own / name, content)
-                before = contents(own)
-                ended, answer = answered(own, command, steps)
-                what = f"number {number}: {name} ({how}), {command}: {job}"
-                clean(ended, what)
+                if content is None:
+                    (own / name).unlink()
+                else:
+                    (own / name).write_bytes(content)
+                what = f"number {number}: {name} ({how}), {reader}: {job}"
+                answer = read(reader, what, must=False)
                 counts["torn files read"] += 1
-                after = contents(own)
-                lost = [other for other in before if after.get(other) != before[other]]
-                if lost and (command != "resume" or ended.status):
-                    raise soak.Fault(f"{what}\nchanged {lost}:\n{ended.text[-1000:]}")
-                counts["refused"] += ended.status
-                if not ended.status and answer != intact[command]:
-                    difference(answer, intact[command])
-                    raise soak.Fault(f"{what}\nanswers otherwise, without a word")
-    return counts
-
-
-def torn_comparison(number: int) -> Counter[str]:
-    """Tear files of a comparison that is complete, and continue it."""
-    random, counts = Random(number), Counter({"torn comparisons": 1})
-    with scratch() as folder:
-        own = folder / "own"
-        line = ["compare", "--domain", random.choice(("cliff", "taxi")), "--algorithms", "serp,dqn",
-                "--seeds", "2", "--env-steps", "150", "--evaluation-episodes", "1",
-                "--final-episodes", "2", "--jobs", "1", "--quiet", "--out", str(own)]  # fmt: skip
-
-        def compared() -> tuple[Ended, Any]:
-            ended = apart(lambda: serp.main(line, standalone_mode=False))
-            return ended, None if ended.status else results(own)
-
-        ended, intact = compared()
-        clean(ended, "compare")
-        shutil.copytree(own, folder / "whole")
-        names = sorted(contents(own))
-        for name in random.sample(names, 8):
-            shutil.rmtree(own)
-            shutil.copytree(folder / "whole", own)
-            how, content = torn_content(random, (own / name).read_bytes())
-            tear(own / name, content)
-            ended, answer = compared()
-            what = f"number {number}: {name} ({how}), compare"
-            clean(ended, what)
-            counts["torn files read"] += 1
-            counts["refused"] += ended.status
-            if not ended.status and answer != intact:
-                difference(answer, intact)
-                raise soak.Fault(f"{what}\nanswers otherwise, without a word")
-    return counts
-
-
-def results(comparison: Path) -> list[dict[str, str]]:
-    """Return the measures of a comparison but for times."""
-    with open(comparison / "measures.csv", newline="") as file:
-        return [{**row, "seconds_per_1000": ""} for row in csv.DictReader(file)]
-
-
-def tear(file: Path, content: bytes | None) -> None:
-    """Give a file other content; None for no file."""
-    if content is None:
-        file.unlink()
-    else:
-        file.write_bytes(content)
-
-
-def difference(answer: Any, expected: Any) -> None:
-    """Print where two answers differ."""
-    if isinstance(answer, tuple) and isinstance(expected, tuple):
-        for one, other in zip(answer, expected, strict=False):
-            if one != other:
-                difference(one, other)
-    elif isinstance(answer, dict) and isinstance(expected, dict):
-        for key in answer.keys() | expected.keys():
-            if answer.get(key) != expected.get(key):
-                print("  ", key, end=" ")
-                difference(answer.get(key), expected.get(key))
-    else:
-        one, other = (x if isinstance(x, str | bytes) else repr(x) for x in (answer, expected))
-        at = next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), -1)
-        print("  ", *(repr(text[max(0, at - 60) : at + 60]) for text in (one, other)), sep=" | ")
+                if answer not in (None, intact[reader]):
+                    kept = tempfile.mkdtemp(prefix="answers-")
+                    shutil.copytree(own.parent, kept, dirs_exist_ok=True)
+                    raise soak.Fault(f"{what}\nanswers otherwise, without a word; see {kept}")
+        return counts
 
 
 KINDS: Final = {"kills": kills, "disk": disk, "torn": torn}
