@@ -37,6 +37,7 @@ import numpy as np
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.model.transition_model import TransitionModel
 from serp.runs.trainer import Trainer
 from serp.settings import Settings, resolve
 from serp.tasks.file_world import WorldOptions, starting, world_task
@@ -52,6 +53,8 @@ from tests.generated import (
 )
 from tests.generated.classical import blocks, gripper
 
+PROBES: Final = 40
+"""Random states by which a world is found to be dull."""
 STEPS: Final = 600
 """Env steps of a training, at least."""
 RANDOM_STATES: Final = {"lookahead": 1500, "far-sight": 150, "pyperplan": 20}
@@ -131,7 +134,10 @@ def changes_of(random: Random, *, planners: tuple[str, ...] = ()) -> dict[str, d
 
 
 def drawn(number: int) -> World | None:
-    """Return the world of a number; None where its file has no action that can be executed."""
+    """Return the world of a number; None where no action can be executed, or mostly where dull.
+
+    It is dull where of no state the file flags some of the possible actions only.
+    """
     random = Random(number)
     symbolic = random.random() < 0.1
     if symbolic:
@@ -139,7 +145,9 @@ def drawn(number: int) -> World | None:
     else:
         texts = write_texts(random, random.choice((FULL, PLANNABLE)))
     domain = load_texts(texts)
-    if not domain.model.actions:
+    states = random_states(random, domain.model, PROBES)
+    dull = not any(tempting(domain.model, state) for state in states)
+    if not domain.model.actions or (dull and not symbolic and random.random() < 0.9):
         return None
     start: dict[str, float | bool] = {
         f.name: random.randint(-8, 8) / 4 if f.numeric else random.random() < 0.5
@@ -154,6 +162,13 @@ def drawn(number: int) -> World | None:
         texts, {} if symbolic else start, options, random.choice((0.5, 1.0)),
         random.choice(("default", "paper")), changes_of(random, planners=planners), number,
     )  # fmt: skip
+
+
+def tempting(model: TransitionModel, state: Any) -> bool:
+    """Return whether a state has flagged actions and others: where a veto matters."""
+    flags = [model.transition(state.tolist(), k)[1] for k in range(len(model.actions))]
+    kinds = {bool(each & UNSAFE) for each in flags if each & APPLICABLE}
+    return len(kinds) == 2
 
 
 class Judge:
@@ -193,6 +208,8 @@ class Judge:
         counts[f"{decision.executed_by}"] += 1
         counts["veto"] += decision.vetoed
         counts["in a learned model"] += not written
+        possible = decision.forecast.flags[(decision.forecast.flags & APPLICABLE) != 0] & UNSAFE
+        counts["where only some are flagged"] += 0 < np.count_nonzero(possible) < len(possible)
         if executed < 0:
             return
         safe = decision.forecast.safe
@@ -221,10 +238,11 @@ class Judge:
         trainer.on_step = lambda step: self(step.state, step.decision, trainer)
 
     def somewhere(self, trainer: Trainer, random: Random, count: int) -> None:
-        """Judge decisions of a trained agent in so many random states."""
+        """Judge decisions of a trained agent in so many of four times as many random states."""
         agent, task = trainer.agent, trainer.task
         unseen = np.zeros(task.observation_size)
-        for state in random_states(random, task.model, count):
+        states = random_states(random, task.model, 4 * count)
+        for state in sorted(states, key=partial(tempting, task.model), reverse=True)[:count]:
             try:
                 x = agent.take_in(unseen, state)[1]
             except SerpError:  # too large for the learner
@@ -289,7 +307,8 @@ def resume(world: World, trainer: Trainer) -> None:
 
 
 def shrunk(world: World) -> World:
-    """Return the smallest world that was found to fail, with forms and settings left out."""
+    """Return the smallest world found to fail within a minute: forms and settings are left out."""
+    until = time.monotonic() + 60
 
     def smaller() -> Iterator[World]:
         head, *forms = world.texts.domain.rstrip().removesuffix(")").split("\n  (:")
@@ -312,22 +331,27 @@ def shrunk(world: World) -> World:
             return True
         return False
 
-    while (found := next(filter(fails, smaller()), None)) is not None and found != world:
+    while time.monotonic() < until:
+        found = next(filter(fails, smaller()), world)
+        if found == world:
+            break
         world = found
     return world
 
 
 def soak_number(number: int) -> Counter[str]:
     """Soak the world of a number."""
+    world = None
     try:
         world = drawn(number)
         if world is None:
-            return Counter({"without actions": 1})
+            return Counter(dull=1)
         return soak(world)
     except SerpError as error:  # a world without result, or one that cannot be trained in
         return Counter({f"refused: {type(error).__name__}": 1})
     except Exception:
-        print(f"number {number} fails; the smallest found:\n{shrunk(world)}", flush=True)
+        if world is not None:
+            print(f"number {number} fails; the smallest found:\n{shrunk(world)}", flush=True)
         raise
 
 
