@@ -123,7 +123,7 @@ class Job(NamedTuple):
         """Return a random job."""
         random = Random(number)
         world = None
-        for k in range(number, number + 1000) if random.random() < 0.5 else ():
+        for k in range(1000 * number, 1000 * number + 1000) if random.random() < 0.5 else ():
             world = soak.drawn(k)
             if world is not None and world.texts.domain.count("(:action") > 1:
                 break

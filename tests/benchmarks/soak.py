@@ -209,7 +209,7 @@ class Judge:
         counts["veto"] += decision.vetoed
         counts["in a learned model"] += not written
         possible = decision.forecast.flags[(decision.forecast.flags & APPLICABLE) != 0] & UNSAFE
-        counts["where only some are flagged"] += 0 < np.count_nonzero(possible) < len(possible)
+        counts["where only some are flagged"] += len(set(possible.tolist())) == 2
         if executed < 0:
             return
         safe = decision.forecast.safe
