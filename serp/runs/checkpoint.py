@@ -3,7 +3,7 @@
 The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, because safetensors
 writes several in no fixed order. That is the text of a JSON object::
 
-    {"format": 14, "sha256": "<digest of the content>", "meta": "<text of a JSON object>"}
+    {"format": 15, "sha256": "<digest of the content>", "meta": "<text of a JSON object>"}
 
 Numbers in ``meta`` stay exact: integers of any size (a PCG64 state has 128 bits), and NaN and the
 infinities, which are written as Python's `json` writes them. What cannot be read or written is a
@@ -26,7 +26,7 @@ from safetensors import SafetensorError
 from serp._util.files import as_json, read_regular, write_durably
 from serp.errors import RunError
 
-FORMAT: Final = 14
+FORMAT: Final = 15
 CHECKPOINT: Final = "checkpoint.safetensors"
 """Name of the checkpoint in the folder of a run."""
 _RESTORE: Final = "Restore it from a copy, or train again."

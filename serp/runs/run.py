@@ -165,7 +165,24 @@ class Run(Closing):
     @property
     def metrics(self) -> dict[str, NDArray[Any]]:
         """The metrics, column by column, an entry an episode."""
-        return read_metrics(self.path / METRICS)
+        return read_metrics(self.table(METRICS, self.checkpoint if self.has_checkpoint else None))
+
+    def table(self, name: str, checkpoint: Checkpoint | None) -> Path:
+        """Return the path of a table of the run.
+
+        Raises:
+            RunError: It is not what the run had written when it saved the checkpoint.
+        """
+        path, saved = self.path / name, Saved("run", *(checkpoint or ({}, {})))
+        if saved.has("tables"):  # an exported policy has none
+            written = Saved(name, *Saved("tables", *saved.part("tables")).part(name))
+            content = read_regular(path)[: written.whole("bytes")]
+            if hashlib.sha256(content).hexdigest() != written.part("sha256")[1]:
+                raise RunError(
+                    f"{path} is not what the run had written: it was changed or damaged since. "
+                    "Restore it from a copy, or begin a new run with another --out."
+                )
+        return path
 
     @property
     def summary(self) -> dict[str, Any]:

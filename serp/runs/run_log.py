@@ -52,11 +52,12 @@ class RunLog(Closing):
         self._decisions.append(row)
         self._recorder.append(episode, step)
 
-    def flush(self) -> None:
-        """Write what is buffered, and wait until the disk holds it."""
+    def flush(self) -> dict[str, Any]:
+        """Write what is buffered, wait until the disk holds it; return what the tables hold."""
         self._recorder.flush()
         self.metrics.sync()
         self._decisions.sync()
+        return {METRICS: self.metrics.written(), DECISIONS: self._decisions.written()}
 
     def close(self) -> None:
         """Write what is left; a second call does nothing."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import io
 import itertools
 import os
@@ -114,14 +115,14 @@ class Table(Closing):
     Args:
         path: The file; it is made with its header, if it is missing.
         columns: The names of its columns.
-        rows: Rows to keep of what it holds; the rest is removed.
+        rows: Rows to keep of what it holds, which has as many; the rest is removed.
 
     Raises:
-        RunError: It has other columns or fewer rows, or the disk fails.
+        RunError: It has other columns, or the disk fails.
     """
 
     def __init__(self, path: Path, columns: Sequence[str], rows: int = 0) -> None:
-        self._path = path
+        self._path, self._size, self._digest = path, 0, hashlib.sha256()
         self._columns = tuple(columns)
         self._rows: list[Sequence[Any]] = []
         with self._or_refused("The table is unchanged."), contextlib.ExitStack() as stack:
@@ -144,7 +145,7 @@ class Table(Closing):
     def _end_of(self, rows: int) -> int:
         """Return the number of bytes up to the end of a row; 0 for a file without a header."""
         header = _lines([self._columns])
-        end = complete = 0
+        end = 0
         with open(self._file.fileno(), "rb", closefd=False) as file:
             for line in itertools.islice(file, 1 + rows):
                 if not end and not header.startswith(line):
@@ -153,12 +154,9 @@ class Table(Closing):
                         f"({', '.join(self._columns)}). Begin a new run with another --out."
                     )
                 if line.endswith(b"\n"):
-                    end, complete = end + len(line), complete + 1
-        if rows and complete < 1 + rows:
-            raise RunError(
-                f"{self._path} has not the {rows:,} rows that the run had written: it was changed "
-                "since. Restore it from a copy, or begin a new run with another --out."
-            )
+                    end += len(line)
+                    self._digest.update(line)
+        self._size = end
         return end
 
     def append(self, row: Sequence[Any]) -> None:
@@ -174,7 +172,8 @@ class Table(Closing):
         """Write all buffered rows at once; after a failure they are still buffered."""
         if not self._rows:
             return
-        rest = memoryview(_lines(self._rows))
+        lines = _lines(self._rows)
+        rest = memoryview(lines)
         end = self._file.seek(0, os.SEEK_END)
         with self._or_refused(f"Its rows up to byte {end} are intact."):
             try:
@@ -185,7 +184,13 @@ class Table(Closing):
                 with contextlib.suppress(OSError):
                     self._file.truncate(end)
                 raise
+        self._size += len(lines)
+        self._digest.update(lines)
         self._rows.clear()
+
+    def written(self) -> dict[str, Any]:
+        """Return the size of what was flushed, and its SHA-256."""
+        return {"bytes": self._size, "sha256": self._digest.hexdigest()}
 
     def sync(self) -> None:
         """Flush, and wait until the disk holds the rows."""

@@ -25,7 +25,7 @@ from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, RunError, SettingsError
 from serp.model.transition_model import StateError
 from serp.runs import checkpoint
-from serp.runs.folder import METRICS, default_path, refuse_occupied
+from serp.runs.folder import DECISIONS, METRICS, default_path, refuse_occupied
 from serp.runs.progress import Progress
 from serp.runs.results import write_results
 from serp.runs.run import Run
@@ -131,6 +131,8 @@ def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
         with run.reading(saved) as values:
             trainer.load_state_dict(*saved)
             before = Budget(**dict(entries(values.part("budget")[1], "budget", "{}")))
+            for name in (METRICS, DECISIONS):
+                run.table(name, saved)
     return before
 
 
@@ -168,8 +170,7 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        log.flush()
-        meta |= {"budget": budget.as_dict(), "made_of": digests}
+        meta |= {"budget": budget.as_dict(), "made_of": digests, "tables": log.flush()}
         checkpoint.save(run.path / checkpoint.CHECKPOINT, arrays, meta)
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(CHECKPOINT_SECONDS, 50 * cost)

@@ -54,10 +54,18 @@ class Generated:
 
     def spelled(self, state):
         """A state of the model as the oracle has it, with what is static besides."""
-        return self.oracle.initial() | {
-            f.key: float(v) if f.numeric else bool(v)
-            for f, v in zip(self.model.fluents, state.tolist(), strict=True)
+        return self._stated | {
+            key: float(v) if numeric else bool(v)
+            for (key, numeric), v in zip(self._keys, state.tolist(), strict=True)
         }
+
+    @cached_property
+    def _stated(self):
+        return self.oracle.initial()
+
+    @cached_property
+    def _keys(self):
+        return [(fluent.key, fluent.numeric) for fluent in self.model.fluents]
 
     def __repr__(self):
         return f"<generated domain\n{self.texts}>"

@@ -17,6 +17,8 @@ Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 State = dict[Key, bool | float]
 UNKNOWN = 0.5
+TIME: Key = ("total-time",)
+"""Where a state has the time that has passed, for a metric."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class Oracle:
         self.problem = problem
         self.goal_worth = goal_worth
         self.objects = problem.objects if problem else domain.constants
+        self._readings = {}
 
     # What there is -----------------------------------------------------------------------------
 
@@ -85,11 +88,18 @@ class Oracle:
 
     def instances(self, kind):
         """Printable name → schema and binding, in the order of the file."""
+        return self._instances[kind]
+
+    @functools.cached_property
+    def _instances(self):
         return {
-            " ".join((schema.name, *binding.values())): (schema, binding)
-            for schema in self.domain.schemas
-            if schema.kind is kind
-            for binding in self.bindings(schema.parameters)
+            kind: {
+                " ".join((schema.name, *binding.values())): (schema, binding)
+                for schema in self.domain.schemas
+                if schema.kind is kind
+                for binding in self.bindings(schema.parameters)
+            }
+            for kind in x.Kind
         }
 
     # One step ----------------------------------------------------------------------------------
@@ -116,7 +126,7 @@ class Oracle:
         state = self.changed(state, flowing, rate_time=dt)
         state = self._after_events(state)
         goal = self.problem.goal if self.problem else None
-        reached = goal is not None and not is_empty(goal) and self.holds(goal, state, {})
+        reached = goal is not None and not is_empty(goal) and self._holds(goal, {})(state)
         reward = self._reward(before, state, dt)
         if reached and x.REWARD not in self.domain.declarations:
             reward += self.goal_worth(dt)
@@ -143,13 +153,36 @@ class Oracle:
         metric = self.problem.metric if self.problem else None
         if metric is None or x.REWARD in self.domain.declarations:
             return float(after[(x.REWARD,)])
-        late = self.value(metric.expression, after, {}, total_time=dt)
-        early = self.value(metric.expression, before, {}, total_time=0.0)
+        value = self._once(metric.expression, {}, self.value)
+        late, early = value({**after, TIME: dt}), value({**before, TIME: 0.0})
         return late - early if metric.maximize else early - late
+
+    # What follows reads the syntax under a binding once, as a function of the state.
 
     def enabled(self, schema, state, binding):
         """Whether the precondition holds."""
-        return self.holds(schema.precondition, state, binding)
+        return self._holds(schema.precondition, binding)(state)
+
+    def _holds(self, condition, binding):
+        """Whether a condition is true; one that is undefined ends the step."""
+        return self._once(condition, binding, self._read_holds)
+
+    def _once(self, part, binding, read):
+        key = id(part), *binding.items()  # of the syntax, which lives as long
+        if key not in self._readings:
+            self._readings[key] = read(part, binding)
+        return self._readings[key]
+
+    def _read_holds(self, condition, binding):
+        truth = self.truth(condition, binding)
+
+        def holds(state):
+            value = truth(state)
+            if value == UNKNOWN:
+                raise NotApplicable
+            return value == 1
+
+        return holds
 
     # Effects -----------------------------------------------------------------------------------
 
@@ -159,14 +192,11 @@ class Oracle:
         adds = []
         numbers = []
         for schema, binding in together:
-            for effect, bound in self.active(schema.effects, state, binding):
-                if isinstance(effect, x.SetPredicate):
-                    (adds if effect.value else deletes).append(ground(effect.atom, bound))
+            for change, key, value in self._once(schema.effects, binding, self.effects)(state):
+                if change is None:
+                    (adds if value else deletes).append(key)
                 else:
-                    value = self.value(effect.value, state, bound)
-                    if rate_time is not None:
-                        value = rate_time * value
-                    numbers.append((effect.change, ground(effect.function, bound), value))
+                    numbers.append((change, key, value if rate_time is None else rate_time * value))
         refuse_contradictions(numbers)
         after = dict(state)
         after.update({key: False for key in deletes})
@@ -178,71 +208,85 @@ class Oracle:
                 raise NotApplicable
         return after
 
-    def active(self, effects, state, binding):
-        """The simple effects that happen in a state."""
-        for effect in effects:
-            match effect:
-                case x.When(condition, inner):
-                    if self.holds(condition, state, binding):
-                        yield from self.active(inner, state, binding)
-                case x.ForallEffect(parameters, inner):
-                    for more in self.bindings(parameters):
-                        yield from self.active(inner, state, {**binding, **more})
-                case x.SetPredicate() | x.ChangeFunction():
-                    yield effect, binding
+    def effects(self, effects, binding):
+        """Function of the state: the simple effects that happen, each a change, key and value.
+
+        The change of a predicate is None.
+        """
+        parts = [self.effect(effect, binding) for effect in effects]
+        return lambda state: [simple for part in parts for simple in part(state)]
+
+    def effect(self, effect, binding):
+        """One of `effects`."""
+        match effect:
+            case x.When(condition, inner):
+                holds, parts = self._read_holds(condition, binding), self.effects(inner, binding)
+                return lambda state: parts(state) if holds(state) else ()
+            case x.ForallEffect(parameters, inner):
+                each = [self.effects(inner, {**binding, **m}) for m in self.bindings(parameters)]
+                return lambda state: [simple for parts in each for simple in parts(state)]
+            case x.SetPredicate(atom, truth):
+                simple = [(None, ground(atom, binding), truth)]
+                return lambda state: simple
+            case x.ChangeFunction():
+                change, key = effect.change, ground(effect.function, binding)
+                value = self.value(effect.value, binding)
+                return lambda state: [(change, key, value(state))]
 
     # Conditions and values ---------------------------------------------------------------------
 
-    def holds(self, condition, state, binding):
-        """Whether a condition is true in a state; one that is undefined ends the step."""
-        truth = self.truth(condition, state, binding)
-        if truth == UNKNOWN:
-            raise NotApplicable
-        return truth == 1
-
-    def truth(self, condition, state, binding):
+    def truth(self, condition, binding):
         """1 (true), 0 (false) or UNKNOWN, where it depends on a number that is NaN (Kleene)."""
         match condition:
             case x.Atom():
-                return bool(state[ground(condition, binding)])
+                key = ground(condition, binding)
+                return lambda state: bool(state[key])
             case x.SameObject(left, right):
-                return bound(left, binding) == bound(right, binding)
+                same = bound(left, binding) == bound(right, binding)
+                return lambda state: same
             case x.NumericComparison(symbol, left_side, right_side):
-                left_value = self.value(left_side, state, binding)
-                right_value = self.value(right_side, state, binding)
-                if math.isnan(left_value) or math.isnan(right_value):
-                    return UNKNOWN
-                return COMPARISONS[symbol](left_value, right_value)
+                left, right = self.value(left_side, binding), self.value(right_side, binding)
+                compared = COMPARISONS[symbol]
+
+                def comparison(state):
+                    one, other = left(state), right(state)
+                    return UNKNOWN if one != one or other != other else compared(one, other)
+
+                return comparison
             case x.Connective(word, operands):
-                truths = [self.truth(operand, state, binding) for operand in operands]
+                parts = [self.truth(operand, binding) for operand in operands]
                 match word:
                     case "and":
-                        return min(truths, default=1)
+                        return lambda state: min([part(state) for part in parts], default=1)
                     case "or":
-                        return max(truths, default=0)
+                        return lambda state: max([part(state) for part in parts], default=0)
                     case "not":
-                        return 1 - truths[0]
+                        return lambda state: 1 - parts[0](state)
                     case _:  # imply
-                        return max(1 - truths[0], truths[1])
+                        return lambda state: max(1 - parts[0](state), parts[1](state))
             case x.Quantified(word, parameters, body):
-                bindings = ({**binding, **more} for more in self.bindings(parameters))
-                truths = [self.truth(body, state, inner) for inner in bindings]
-                return min(truths, default=1) if word == "forall" else max(truths, default=0)
+                each = [self.truth(body, {**binding, **m}) for m in self.bindings(parameters)]
+                if word == "forall":
+                    return lambda state: min([part(state) for part in each], default=1)
+                return lambda state: max([part(state) for part in each], default=0)
 
-    def value(self, expression, state, binding, total_time=0.0):
+    def value(self, expression, binding):
         """The value of a numeric expression; NaN where it has none: by zero, of an infinity."""
         match expression:
             case x.Number(value):
-                return value
+                return lambda state: value
             case x.FunctionTerm():
-                return float(state[ground(expression, binding)])
+                key = ground(expression, binding)
+                return lambda state: float(state[key])
             case x.TotalTime():
-                return total_time
+                return lambda state: state[TIME]
             case x.Arithmetic(symbol, operands):
-                values = [self.value(o, state, binding, total_time) for o in operands]
-                if len(values) == 1:
-                    return OF_ONE[symbol](values[0])
-                return functools.reduce(ARITHMETIC[symbol], values)
+                parts = [self.value(operand, binding) for operand in operands]
+                if len(parts) == 1:
+                    of_one, part = OF_ONE[symbol], parts[0]
+                    return lambda state: of_one(part(state))
+                combined = ARITHMETIC[symbol]
+                return lambda state: functools.reduce(combined, [part(state) for part in parts])
 
 
 def bound(term, binding):
@@ -252,7 +296,9 @@ def bound(term, binding):
 
 def ground(term, binding):
     """The ground term under a binding."""
-    return (term.name, *(bound(argument, binding) for argument in term.arguments))
+    if not term.arguments:
+        return (term.name,)
+    return (term.name, *[bound(argument, binding) for argument in term.arguments])
 
 
 def quotient(dividend, divisor):

@@ -34,14 +34,14 @@ from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
-from serp.runs.folder import METRICS, SUMMARY
+from serp.runs.folder import SUMMARY
 from serp.runs.guarded_env import TaskEnv
 from serp.runs.results import write_results
 from serp.runs.rollout import Rollout, evaluation_seed, training_seed
 from serp.runs.run import Run
 from serp.runs.run_config import CONFIG, Budget
 from serp.runs.run_log import Bookkeeping, RunLog
-from serp.runs.tables import MetricsRow, read_metrics
+from serp.runs.tables import MetricsRow
 from serp.runs.train import restore, train
 from serp.runs.trainer import Callbacks, Trainer
 from serp.settings import Settings
@@ -460,7 +460,8 @@ def read_trial(job: Job) -> Record:
     Raises:
         RunError: A file of it is damaged, or evaluations are missing.
     """
-    metrics, protocol = read_metrics(job.folder / METRICS), job.protocol
+    run, protocol = Run(job.folder), job.protocol
+    metrics = run.metrics
     within = metrics["env_steps"] <= protocol.env_steps
     evaluations = read_evaluations(job.folder)
     made = {*evaluations["env_steps"][evaluations["policy"] == "learner"].tolist()}
@@ -473,5 +474,5 @@ def read_trial(job: Job) -> Record:
         job.trial,
         {name: column[within] for name, column in metrics.items()},
         evaluations,
-        Run(job.folder).metadata["versions"],
+        run.metadata["versions"],
     )

@@ -1,19 +1,17 @@
-"""The guarantee: nothing unsafe is executed while there is something else, whoever proposes."""
+"""The guarantee: nothing unsafe is executed while there is something else, whoever proposes.
+
+`tests.test_soak` judges whole trainings by an independent reading of the file.
+"""
 
 from collections import Counter
 from random import Random
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.agent.decision import Reason
 from serp.learning.dqn import Proposal
-from serp.model.flags import APPLICABLE, UNSAFE
-from serp.runs.trainer import Trainer
-from serp.settings import resolve
-from serp.tasks.registry import find_task
 from tests.generated.profile import examples
 from tests.serp.agent.decisions import (
     MODELS,
@@ -94,66 +92,3 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative():
     assert met["risky, without alternative"] > 200
     assert met["refused as unsafe"] > 200
     assert met["refused as too risky"] > 40
-
-
-@pytest.mark.parametrize(
-    ("name", "strategy"),
-    [("cliff", "mixture"), ("cliff", "evidence"), ("corner-kick", "mixture")],
-)
-def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(name, strategy):
-    """The model adapts itself meanwhile."""
-    small = {"hidden": [16], "batch_size": 16, "members": 1}
-    settings = {"learner": small, "guide": {"strategy": strategy}}
-    counts = train(find_task(name).bind(), 500, 1, settings)
-    assert counts["decisions"] >= 500
-    assert counts["avoidable"] == counts["avoidable risk"] == 0
-
-
-def judge(agent, decision, state, counts):
-    """Count one decision, judged by the file as written."""
-    task = agent.task
-    flags = [task.model.transition(state.tolist(), k)[1] for k in range(len(task.model.actions))]
-    executed = int(decision.forecast.ground[decision.action])
-    counts["decisions"] += 1
-    if executed >= 0 and flags[executed] & UNSAFE:
-        counts["flagged"] += 1
-        counts["avoidable"] += any(f & (APPLICABLE | UNSAFE) == APPLICABLE for f in flags)
-    counts["avoidable risk"] += bool(
-        not decision.forecast.safe[decision.action]
-        and executed >= 0
-        and decision.forecast.safe.any()
-    )
-
-
-def watched(trainer):
-    """Count every decision of a training from now on."""
-    counts = Counter()
-    agent = trainer.agent
-    decide, decide_randomly = agent.decide, agent.decide_randomly
-
-    def deciding(state, x):
-        decision = decide(state, x)
-        judge(agent, decision, state, counts)
-        return decision
-
-    def deciding_randomly(state):
-        decision = decide_randomly(state)
-        judge(agent, decision, state, counts)
-        return decision
-
-    def on_step(step):
-        counts["damage"] += step.unsafe
-
-    agent.decide = deciding
-    agent.decide_randomly = deciding_randomly
-    trainer.on_step = on_step
-    return counts
-
-
-def train(task, steps, seed, changes):
-    """Train for so many env steps; return the counts."""
-    trainer = Trainer(task, resolve("default", task.task.settings, changes), seed)
-    counts = watched(trainer)
-    while trainer.env_steps < steps:
-        next(trainer.run())
-    return counts

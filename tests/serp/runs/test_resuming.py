@@ -1,12 +1,7 @@
 """Whatever stops a run, continuing it gives what an undisturbed one gives."""
 
 import errno
-import os
 import re
-import signal
-import subprocess
-import sys
-from pathlib import Path
 from random import Random
 
 import numpy as np
@@ -63,35 +58,6 @@ def failing_grounding(folder, out):
     assert "--resume" in failure.value.__notes__[1]
 
 
-KILLED = """
-import os, signal
-from pathlib import Path
-from tests.serp.sample_tasks import Corridor, corridor
-from tests.serp.runs.runs import EPISODES, train
-
-class Killed(Corridor):
-    def step(self, action):
-        if self.made == 40:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().step(action)
-
-train(corridor(Path({folder!r}), Killed), Path({out!r}), episodes=EPISODES)
-"""
-
-
-def kill(folder, out):
-    path = os.pathsep.join(["."] + [p for p in sys.path if p])
-    killed = subprocess.run(
-        [sys.executable, "-c", KILLED.format(folder=str(folder), out=str(out))],
-        env={**os.environ, "PYTHONPATH": path},
-        cwd=Path(__file__).parents[3],
-        capture_output=True,
-        timeout=120,
-        check=False,
-    )
-    assert killed.returncode == -signal.SIGKILL, killed.stderr.decode()
-
-
 def twice(preset):
     def stop(folder, out):
         first, second = sorted(Random(preset).sample(range(1, EPISODES), 2))
@@ -116,7 +82,6 @@ def another_task(folder, out):
         (twice("default"), "default"),
         (twice("paper"), "paper"),
         (failing_grounding, "default"),
-        (kill, "default"),
         (another_task, "default"),
     ],
 )

@@ -124,6 +124,22 @@ def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path, name, old
         _ = load_run(file.parent, corridor(tmp_path)).agent
 
 
+@pytest.mark.parametrize("name", ["metrics.csv", "decisions.csv"])
+def test_a_changed_cell_is_noticed_and_what_a_killed_run_wrote_last_is_not_one(tmp_path, name):
+    out = tmp_path / "run"
+    train(corridor(tmp_path), out, episodes=2)
+    data = (out / name).read_bytes()
+    at = data.index(b"\n") + 3
+    (out / name).write_bytes(data[:at] + b"7" + data[at + 1 :])
+    with pytest.raises(RunError, match=rf"{name} is not what the run had written"):
+        resume(corridor(tmp_path), out, episodes=3)
+    if name == "metrics.csv":
+        with pytest.raises(RunError, match="is not what the run had written"):
+            _ = load_run(out, corridor(tmp_path)).metrics
+    (out / name).write_bytes(data + b"3,4")
+    assert len(resume(corridor(tmp_path), out, episodes=3).metrics["length"]) == 3
+
+
 def test_metadata_that_does_not_fit_is_refused(tmp_path):
     train(corridor(tmp_path), tmp_path / "run", episodes=1)
     file = tmp_path / "run" / "config.json"
