@@ -181,7 +181,7 @@ class ModelAdaptation:
         self.experience = TransitionMemory.of(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.notice: str | None = None
-        self._alike: list[list[int]] = [[k] for k in range(len(written.actions))]
+        self._alike = list(np.arange(len(written.actions))[:, None])
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
@@ -321,7 +321,7 @@ class ModelAdaptation:
         return {"experience": self.experience, **learned}
 
 
-def _alike_actions(model: AdaptedModel) -> list[list[int]]:
+def _alike_actions(model: AdaptedModel) -> list[NDArray[np.int64]]:
     """Return, for each ground action, those with which it shares all that is learned."""
     keys = [
         (action.schema, *(group.key for group in groups))
@@ -330,7 +330,7 @@ def _alike_actions(model: AdaptedModel) -> list[list[int]]:
     alike: dict[tuple[object, ...], list[int]] = {}
     for k, key in enumerate(keys):
         alike.setdefault(key, []).append(k)
-    return [alike[key] for key in keys]
+    return [np.array(alike[key], np.int64) for key in keys]
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:
