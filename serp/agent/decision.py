@@ -12,7 +12,6 @@ from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risk_of
 from serp.planning.forecast import Bound
 from serp.tasks.action_map import ActionForecast
 
-
 _BOUNDS: Final = tuple(bound.name.lower() for bound in Bound)
 
 
