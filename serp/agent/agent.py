@@ -48,12 +48,12 @@ def exploration_bonus(
         return forecast
     candidates = forecast.safe
     lasting = candidates & (forecast.safe_steps == SAFE)
-    if lasting.any():
+    if np.count_nonzero(lasting):
         candidates = lasting
     # If all known actions become unsafe, an unknown one is the better choice.
     visits = visits[forecast.ground]
     candidates &= visits < min_visits
-    if not candidates.any():
+    if not np.count_nonzero(candidates):
         return forecast
     least = np.where(candidates, visits, min_visits)
     return forecast._replace(choice=int(least.argmin()))
