@@ -44,18 +44,18 @@ def exploration_bonus(
         min_visits: Actions with fewer visits are preferred; 0: none.
         forecast: The forecast, which is returned where no action is preferred.
     """
-    if visits.min(initial=min_visits) >= min_visits:
+    if not np.count_nonzero(visits < min_visits):
         return forecast
     candidates = forecast.safe
     lasting = candidates & (forecast.safe_steps == SAFE)
-    if lasting.any():
+    if np.count_nonzero(lasting):
         candidates = lasting
     # If all known actions become unsafe, an unknown one is the better choice.
     visits = visits[forecast.ground]
     candidates &= visits < min_visits
-    if not candidates.any():
+    if not np.count_nonzero(candidates):
         return forecast
-    least = np.where(candidates, visits, np.iinfo(np.int64).max)
+    least = np.where(candidates, visits, min_visits)
     return forecast._replace(choice=int(least.argmin()))
 
 
@@ -161,7 +161,7 @@ class Agent:
         """
         x = np.concatenate((observation, state))
         fits = np.abs(x) <= FLOAT32_MAX
-        if not fits.all():
+        if np.count_nonzero(fits) < len(fits):  # `all` takes five times as long
             task, place = self.task, int(fits.argmin())
             advice = (
                 "too large for the learner, which computes in float32 (up to "

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risk_of
+from serp.planning.forecast import Bound
 from serp.tasks.action_map import ActionForecast
+
+_BOUNDS: Final = tuple(bound.name.lower() for bound in Bound)
 
 
 class Actor(StrEnum):
@@ -102,7 +105,7 @@ class Decision(NamedTuple):
     @property
     def bound(self) -> str:
         """What ended the planner's sight: a name of `Bound` in small letters."""
-        return self.forecast.bound.name.lower()
+        return _BOUNDS[self.forecast.bound]
 
     @property
     def avoidable_unsafe(self) -> bool:

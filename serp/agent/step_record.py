@@ -59,12 +59,13 @@ class DecisionCounts(Declared):
 
     def count(self, step: Any) -> None:
         """Count a step, given its `Decision` or its row of `decisions.csv`."""
+        reason = step.reason
         self.executed[step.executed_by] += 1
         if step.vetoed:
-            self.refused[step.reason] += 1
+            self.refused[reason] += 1
         self.unsafe_predicted += step.proposal_unsafe
         self.unsafe_executed += step.unsafe
-        self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
+        self.no_safe_action += reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
         sight = _SIGHT_OF.get(step.bound)
         if sight is not None:
             setattr(self, sight, getattr(self, sight) + 1)

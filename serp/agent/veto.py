@@ -122,7 +122,7 @@ class VetoPolicy(Declared):
         if self._settings.veto_horizon == "lookahead" and self.reliability.reliable:
             # If no modelled action has a safe plan, none is refused for that.
             lasting = forecast.safe_steps == SAFE
-            if (lasting & self._actions.modelled).any():
+            if np.count_nonzero(lasting & self._actions.modelled):
                 allowed &= lasting
         return allowed | self.allowed_unknown
 

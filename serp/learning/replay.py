@@ -132,8 +132,8 @@ class ReplayBuffer:
 
     def draw(self, count: int) -> type_I64:
         """Draw positions of samples ``[count]``, uniformly and with replacement."""
-        drawn = (self._rng.random(count) * self.size).astype(np.int64)
-        return np.minimum(drawn, self.size - 1)  # rounding may give `size`
+        # Below `size`: the largest number drawn, 1 - 2⁻⁵³, times it is rounded to less.
+        return (self._rng.random(count) * self.size).astype(np.int64)
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""

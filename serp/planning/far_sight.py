@@ -239,4 +239,4 @@ _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed
 
 
 def _whole(state: Vector) -> bool:
-    return bool((state == np.rint(state)).all())
+    return all(map(float.is_integer, state.tolist()))

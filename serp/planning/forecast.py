@@ -93,22 +93,23 @@ class Forecast(NamedTuple):
         The actions to choose from are those of the best rank, see `serp.planning.preference`.
         """
         values: list[float] = self.value.tolist()
+        if len(set(values)) == len(values):
+            return False
         tied = self._tied
         return len(tied) > 1 and all(values[k] == values[tied[0]] for k in tied)
 
     @property
     def sees_costs_alone(self) -> bool:
         """Whether it is indifferent but for what the first step gives: the cost of acting."""
-        tied = self._tied
-        if len(tied) < 2:
-            return False
         values: list[float] = self.value.tolist()
-        rewards: list[float] = self.reward.tolist()
-        rest = [values[k] - rewards[k] for k in tied]
+        rest = [value - reward for value, reward in zip(values, self.reward.tolist(), strict=True)]
         largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
         if largest > 0.0:  # differences by rounding are none
             rest = [_rounded(part / largest) for part in rest]
-        return all(part == rest[0] for part in rest)
+        if len(set(rest)) == len(rest):
+            return False
+        tied = self._tied
+        return len(tied) > 1 and all(rest[k] == rest[tied[0]] for k in tied)
 
     @property
     def _tied(self) -> list[int]:

@@ -85,19 +85,19 @@ def decision_row(
     decision: Decision, name: Callable[[int], str], *, step: int, episode: int
 ) -> DecisionRow:
     """Return the row of a decision; `name` gives the name of an action of the environment."""
-    return DecisionRow(
-        step=step,
-        episode=episode,
-        proposed=name(decision.proposed) if decision.proposed >= 0 else "",
-        executed=name(decision.action),
-        **dict(zip(_OF_DECISION, _of_decision(decision), strict=True)),
+    proposed_by, executed_by, *rest = _of_decision(decision)
+    proposed = name(decision.proposed) if decision.proposed >= 0 else ""
+    executed = name(decision.action)
+    return DecisionRow(step, episode, proposed_by, proposed, executed, executed_by, *rest)
+
+
+_of_decision: Final = attrgetter(  # in one call, so fast
+    *(
+        name
+        for name in DecisionRow._fields
+        if name not in ("step", "episode", "proposed", "executed")
     )
-
-
-_OF_DECISION: Final = [
-    name for name in DecisionRow._fields if name not in ("step", "episode", "proposed", "executed")
-]
-_of_decision: Final = attrgetter(*_OF_DECISION)  # in one call, so fast
+)
 
 
 def _columns(row: type[NamedTuple]) -> tuple[str, ...]:

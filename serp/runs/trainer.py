@@ -191,7 +191,7 @@ class Trainer(Bookkeeping, Closing):
         """Decide in environments whose episode goes on, and begin to execute the decisions."""
         rollouts = {env: env.rollout for env in environments if env.rollout is not None}
         states = {env.index: rollout.state for env, rollout in rollouts.items()}
-        with self.agent.prefetch(states):
+        with self.agent.prefetch(states) if len(states) > 1 else contextlib.nullcontext():
             for env, rollout in rollouts.items():
                 self.agent.turn_to(env.index)
                 if self._pretrained:

@@ -196,7 +196,7 @@ class BoundTask(Closing):
     def _grounded(
         self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
     ) -> Any:
-        missing = self.grounding.missing(info, env)
+        missing = self.grounding.missing(info, env) if self.grounding.takes else None
         if missing:
             raise TaskError(
                 f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
@@ -223,8 +223,11 @@ class BoundTask(Closing):
         Raises:
             EnvironmentFailure: The environment raised, or did not return these.
         """
-        with self._calling(f"step with action {self.actions.name(action)}"):
+        try:  # in place of the context, which takes as long as all the rest
             return step_answer(self.env.step(self.action_space.action(action)))
+        except BaseException as error:
+            with self._calling(f"step with action {self.actions.name(action)}"):
+                raise error
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:

@@ -89,6 +89,7 @@ class Observations:
             )
         self.space: spaces.Space[Any] = space
         self.size = sum(size or 0 for size in sizes.values())
+        self._one_box = isinstance(space, spaces.Box)
 
     def read(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a new float64 vector `[size]`.
@@ -97,10 +98,14 @@ class Observations:
             ValueError: It is not a member of the space, does not consist of real numbers, or is not
                 finite; the message names the part, what was given and what is expected.
         """
-        parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
-        vector = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        if not np.isfinite(vector).all():
-            first = int((~np.isfinite(vector)).argmax())
+        if self._one_box:
+            vector = _flat(self.space, raw, "")
+        else:
+            leaves = _leaves(self.space, raw, "")
+            vector = np.concatenate([_flat(leaf, value, path) for path, leaf, value in leaves])
+        finite = np.isfinite(vector)
+        if np.count_nonzero(finite) < len(finite):  # `all` takes five times as long
+            first = int(finite.argmin())
             raise ValueError(f"{self.name(first)} is {vector[first]}")
         return vector
 
@@ -237,10 +242,14 @@ def _parts(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
 
 def _copied(raw: Any) -> Any:
     """Return a copy of an observation, because environments reuse their buffers."""
+    if type(raw) is np.ndarray and raw.dtype.kind in "biuf":
+        return raw.copy()
     return copy.deepcopy(raw) if isinstance(raw, np.ndarray | Mapping | tuple | list) else raw
 
 
 def _number(value: Any, what: str) -> float:
+    if type(value) is float and math.isfinite(value):
+        return value
     element = single(value)
     if not isinstance(element, Real):
         advice = ""
@@ -257,6 +266,8 @@ def _number(value: Any, what: str) -> float:
 
 
 def _truth(value: Any, what: str) -> bool:
+    if type(value) is bool:
+        return value
     element = single(value)
     if isinstance(element, Real) and element in (0, 1):
         return bool(element)
@@ -264,7 +275,7 @@ def _truth(value: Any, what: str) -> bool:
 
 
 def _info(value: Any) -> dict[str, Any]:
-    if not isinstance(value, Mapping):
+    if type(value) is not dict and not isinstance(value, Mapping):
         raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
     return dict(value)
 

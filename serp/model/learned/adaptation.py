@@ -51,10 +51,6 @@ class GroupLearners:
         self._rewarded = rewards and model.rewarding
         self._seed = seed
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
-        self._columns = [
-            [(g.key, np.array(g.inputs, np.int64), np.array(g.targets, np.int64)) for g in groups]
-            for groups in model.feature_groups
-        ]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
         symbols: dict[str, list[int]] = {}
         for fluent in model.fluents:
@@ -79,6 +75,17 @@ class GroupLearners:
         self._worth = None if worth is None else WorthRegression(worth, own)
         for shared in self._model.shared.values():
             shared.outcomes = None
+        self._learn_with = [
+            [
+                (
+                    self._counts[g.key], self._model.shared[g.key], self._residuals.get(g.key[1:]),
+                    np.array(g.inputs, np.int64), np.array(g.targets, np.int64),
+                )
+                for g in groups
+            ]
+            for groups in self._model.feature_groups
+        ]  # fmt: skip
+        """What learns from a step of each ground action."""
 
     @property
     def notice(self) -> str | None:
@@ -125,23 +132,21 @@ class GroupLearners:
         ended it are learned, and its reward and end.
         """
         if step.over:
-            for residual in self._residuals.values():
-                residual.begin_episode()
+            for each in self._residuals.values():
+                each.begin_episode()
         if not step.usable:
             return
         if not step.over and step.note_fractions(self.whole, self._numeric):
             self._share_wholeness()
         if self._worth is not None:
             self._worth.learn_worth(action, step, self._rewarded)
-        for key, inputs, targets in self._columns[action]:
-            counts = self._counts[key]
+        for counts, shared, residual, inputs, targets in self._learn_with[action]:
             if not counts.learn(inputs, step, self.whole):
                 self.whole[targets] = False
                 self._share_wholeness()
-            shared = self._model.shared[key]
             counts.publish(shared)
-            if key[1:] in self._residuals and not step.over:
-                self._residuals[key[1:]].learn(shared.head, step, inputs, targets, self.whole)
+            if residual is not None and not step.over:
+                residual.learn(shared.head, step, inputs, targets, self.whole)
 
     def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""
@@ -181,7 +186,7 @@ class ModelAdaptation:
         self.experience = TransitionMemory.of(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.notice: str | None = None
-        self._alike: list[list[int]] = [[k] for k in range(len(written.actions))]
+        self._alike: list[NDArray[np.int64] | int] = list(range(len(written.actions)))
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
@@ -321,8 +326,11 @@ class ModelAdaptation:
         return {"experience": self.experience, **learned}
 
 
-def _alike_actions(model: AdaptedModel) -> list[list[int]]:
-    """Return, for each ground action, those with which it shares all that is learned."""
+def _alike_actions(model: AdaptedModel) -> list[NDArray[np.int64] | int]:
+    """Return, for each ground action, those with which it shares all that is learned.
+
+    It is a number where there is only the action itself: an array of one takes ten times as long.
+    """
     keys = [
         (action.schema, *(group.key for group in groups))
         for action, groups in zip(model.actions, model.feature_groups, strict=True)
@@ -330,7 +338,7 @@ def _alike_actions(model: AdaptedModel) -> list[list[int]]:
     alike: dict[tuple[object, ...], list[int]] = {}
     for k, key in enumerate(keys):
         alike.setdefault(key, []).append(k)
-    return [alike[key] for key in keys]
+    return [np.array(own) if len(own := alike[key]) > 1 else own[0] for key in keys]
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:

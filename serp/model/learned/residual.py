@@ -45,20 +45,23 @@ class NormalEquations:
 
     def clear(self, size: int) -> None:
         """Begin with no rows of `size` columns."""
-        self.gram = np.zeros((1 + int(self.block_of.max(initial=0)), size, size))
+        blocks = 1 + int(self.block_of.max(initial=0))
+        self._owned = [np.flatnonzero(self.block_of == block) for block in range(blocks)]
+        self.gram = np.zeros((blocks, size, size))
         self.moment = np.zeros((size, len(self.block_of)))
         self.total = 0.0
 
     def add(self, design: Vector, targets: Vector, valid: NDArray[np.bool_]) -> None:
         """Add rows; `valid` `[n, T]` says which targets were observed."""
-        for block in range(len(self.gram)):
-            owned = self.block_of == block
-            if not owned.any():
+        for gram, owned in zip(self.gram, self._owned, strict=True):
+            if not len(owned):
                 continue
             usable = valid[:, owned].all(axis=1)
-            some = design if usable.all() else design[usable]
-            self.gram[block] += some.T @ some
-            self.moment[:, owned] += some.T @ targets[usable][:, owned]
+            some, wanted = design, targets
+            if not usable.all():
+                some, wanted = design[usable], targets[usable]
+            gram += some.T @ some
+            self.moment[:, owned] += some.T @ wanted[:, owned]
         self.total += len(design)
         if self.total > 8192.0:  # older samples lose half of their weight
             self.total *= 0.5
@@ -74,12 +77,11 @@ class NormalEquations:
         """
         from scipy.linalg import lapack
 
-        for block, gram in enumerate(self.gram):
-            owned = np.flatnonzero(self.block_of == block)
+        for gram, owned in zip(self.gram, self._owned, strict=True):
             if not len(owned):
                 continue
             matrix = gram.copy()
-            matrix[np.diag_indices_from(matrix)] += ridge
+            matrix.ravel()[:: len(ridge) + 1] += ridge
             factor, failed = lapack.dpotrf(matrix, lower=1)
             if failed:
                 continue
