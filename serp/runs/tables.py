@@ -91,12 +91,9 @@ def decision_row(
     return DecisionRow(step, episode, proposed_by, proposed, executed, executed_by, *rest)
 
 
+_OWN: Final = ("step", "episode", "proposed", "executed")
 _of_decision: Final = attrgetter(  # in one call, so fast
-    *(
-        name
-        for name in DecisionRow._fields
-        if name not in ("step", "episode", "proposed", "executed")
-    )
+    *(name for name in DecisionRow._fields if name not in _OWN)
 )
 
 
