@@ -269,14 +269,16 @@ public:
             expected_end_ = flags & TERMINAL ? 1.0 : 0.0;
             return flags;
         }
-        // UNSAFE is set by the file as written. With its parameters, effects and processes set the
-        // same flags in both steps, but events may not.
-        Flags flagged = revised ? UNSAFE & written_.step(action, other_.data()) : 0;
+        // UNSAFE and UNDEFINED are set by the file as written. With its parameters, effects and
+        // processes set the same flags in both steps, but events may not.
+        Flags written = revised ? written_.step(action, other_.data()) : 0;
         Flags flags = file_.flow(action, out);
         if (known && !revised) {
             std::copy(out, out + width_ + 1, other_.data());
-            flagged = UNSAFE & (flags & APPLICABLE ? file_.settle(flags, other_.data()) : flags);
+            written = flags & APPLICABLE ? file_.settle(flags, other_.data()) : flags;
         }
+        if (written & UNDEFINED) return written;
+        Flags flagged = written & UNSAFE;
         double risk = 0.0;
         if (flags & APPLICABLE) {
             correct(action, out);

@@ -46,7 +46,8 @@ struct FeatureGroup {
 /// `serp.model.learned.adapted_model.AdaptedModel`.
 class AdaptedModel : public Model {
 public:
-    /// `flagging`: whether events can make `unsafe` true. `worth`, if any, is the regression of
+    /// `flagging`: whether events can make `unsafe` true, or a step can end without a result in events,
+    /// goal or metric. `worth`, if any, is the regression of
     /// reward and end: a head for each action; inputs are all fluents, then reward and end as
     /// predicted without it. Throws std::invalid_argument where the parts do not fit each other.
     AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArguments others, bool flagging,

@@ -9,7 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.ground_model import UNSAFE_TARGET, GroundSchema
+from serp.model.ground_model import (
+    UNSAFE_TARGET,
+    GroundModel,
+    GroundSchema,
+    Operation,
+    SetNumber,
+    Unary,
+)
+from serp.model.instructions import contested
 from serp.model.learned.feature_groups import (
     FeatureGroup,
     Key,
@@ -18,6 +26,7 @@ from serp.model.learned.feature_groups import (
 )
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import nodes_in
 
 
 class AdaptedModel(TransitionModel):
@@ -55,11 +64,10 @@ class AdaptedModel(TransitionModel):
         self.regressions, self.shared = _parameters_of(self.feature_groups)
         depth, heads = len(self.fluents) + 2, len(self.actions)
         self.worth = _core.Regression(heads, depth, 2) if learnable(depth, heads) else None
-        events = (effect for event in self.ground.events for effect in event.effects)
         self._adapted_core = _core.AdaptedModel(
             written.written_core(),
             same_arguments(self.actions),
-            any(effect.target == UNSAFE_TARGET for effect in events),
+            _flagging(self.ground),
             [[(g.inputs, g.targets, self.shared[g.key]) for g in of] for of in self.feature_groups],
             self.worth,
         )
@@ -130,6 +138,19 @@ class AdaptedModel(TransitionModel):
         theta = self.core.parameters.tolist()
         _, flags, passages = self.traced(state, action, theta=theta, amend=amend)
         return passages, flags
+
+
+def _flagging(ground: GroundModel) -> bool:
+    """Whether events, goal or metric can make a step unsafe, or leave it without a result."""
+    effects = [effect for event in ground.events for effect in event.effects]
+    calculated = nodes_in(ground.events, ground.goal, ground.metric)
+    numbers = [effect for effect in effects if isinstance(effect, SetNumber)]
+    return (
+        any(effect.target == UNSAFE_TARGET for effect in effects)
+        or any(isinstance(node, Operation | Unary) for node in calculated)
+        or any(effect.change.group == "scale" for effect in numbers)
+        or bool(contested(numbers))
+    )
 
 
 def _parameters_of(
