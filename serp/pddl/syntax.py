@@ -6,7 +6,6 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -306,30 +305,26 @@ class ProblemSyntax:
 
 def nodes_in(*parts: object) -> Iterator[object]:
     """Yield the nodes of some parts of a file, each before those in it, in their order."""
-    waiting = list(reversed(parts))
-    while waiting:
-        part = waiting.pop()
+    for part in parts:
         if isinstance(part, tuple):
-            waiting += reversed(part)
-        elif (names := _fields_of(type(part))) is not None:
+            yield from nodes_in(*part)
+        elif (names := _fields_of(part)) is not None:
             yield part
-            waiting += [getattr(part, name) for name in reversed(names)]
+            yield from nodes_in(*(getattr(part, name) for name in names))
 
 
 def meaning(part: object) -> Hashable:
     """Return what a part of a file says, without its places; equal for what says the same."""
     if isinstance(part, tuple):
         return tuple(map(meaning, part))
-    if (names := _fields_of(type(part))) is not None:
+    if (names := _fields_of(part)) is not None:
         return type(part), *(meaning(getattr(part, name)) for name in names)
     return None if isinstance(part, Place) else part
 
 
-@functools.cache
-def _fields_of(kind: type) -> tuple[str, ...] | None:
-    """Return the fields of a kind of node, but for its place; None for places and other values."""
-    names = None if kind is Place else getattr(kind, "__match_args__", None)
-    return None if names is None else tuple(name for name in names if name != "place")
+def _fields_of(part: object) -> tuple[str, ...] | None:
+    """Return the names of the fields of a node; None for a place, or what is no node."""
+    return None if isinstance(part, Place) else getattr(part, "__match_args__", None)
 
 
 def names_in(*parts: object) -> set[str]:
