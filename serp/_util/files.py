@@ -163,15 +163,24 @@ def write_together(contents: Mapping[Path, bytes | str]) -> None:
 def replaced_durably(path: Path) -> Iterator[Path]:
     """Yield an empty file beside `path`; at the end it is flushed to the disk and replaces `path`.
 
-    Its name is fixed, so that the next write removes what a killed process left.
+    Its name is fixed, so that the next write removes what a killed process left. A file that was
+    there keeps its mode.
     """
     aside = aside_of(path)
     try:
         try:
             # An existing file may be a link to a file elsewhere.
             aside.unlink(missing_ok=True)
-            os.close(open_regular(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            mode = path.stat().st_mode if path.is_file() and not path.is_symlink() else None
+            made = open_regular(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            try:
+                if mode is not None and os.name != "nt":  # before anything is in it
+                    os.fchmod(made, stat.S_IMODE(mode) | stat.S_IWUSR)
+            finally:
+                os.close(made)
             yield aside
+            if mode is not None and aside.stat().st_mode != mode:
+                aside.chmod(stat.S_IMODE(mode))
             with open(aside, "rb+") as file:
                 os.fsync(file.fileno())
             os.replace(aside, path)
@@ -214,10 +223,17 @@ def make_inside(folder: Path, *names: str) -> Path:
     Those that exist are kept; none of them may be a link, except the outermost folder itself.
     """
     for name in names:
+        (folder / name).mkdir(exist_ok=True)
+        folder = existing_inside(folder, name)
+    return folder
+
+
+def existing_inside(folder: Path, *names: str) -> Path:
+    """Return a folder in nested folders; none of those named may be a link."""
+    for name in names:
         folder = folder / name
-        folder.mkdir(exist_ok=True)
         if folder.is_symlink():
-            raise RunError(f"{folder} is a link. Put a folder there, or remove it.")
+            raise RunError(f"{folder} is a link. A run consists of its own folders; put it there.")
     return folder
 
 

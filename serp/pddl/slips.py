@@ -212,8 +212,10 @@ def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainE
     head = group.head
     if head in declared or head in words or not any(isinstance(n, Group) for n in group.items):
         return None
+    if not get_close_matches(head, words, n=1, cutoff=0.7):  # there are few, but many names
+        return None
     close = get_close_matches(head, [*words, *declared], n=1, cutoff=0.7)
-    if not close or close[0] not in words:
+    if close[0] not in words:
         return None
     return _foreign(f"`{head}` is no word of PDDL", group.items[0].place, close[0])
 

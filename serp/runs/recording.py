@@ -29,6 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from serp._util.did_you_mean import listed
 from serp._util.files import (
     Closing,
+    existing_inside,
     json_text,
     make_inside,
     read_json,
@@ -459,14 +460,14 @@ def open_recording(run: Path, evaluation: str | None = None) -> Recording:
         if evaluation not in found:
             there = f"there are {listed(found)}" if found else "`serp evaluate` makes one"
             raise RunError(f"{run} has no evaluation `{evaluation}`; {there}.")
-        return Recording(run / EVALUATIONS / evaluation)
+        return Recording(existing_inside(run, EVALUATIONS, evaluation))
     if not (run / RECORDING / HEADER).is_file():
         there = "".join(f"\n  serp why {run} --evaluation {name}" for name in evaluations_of(run))
         raise RunError(
             f"{run} has no recording of its steps; `serp evaluate` records episodes of the policy."
             + (f" There are evaluations:{there}" if there else "")
         )
-    return Recording(run / RECORDING)
+    return Recording(existing_inside(run, RECORDING))
 
 
 def evaluations_of(run: Path) -> list[str]:

@@ -13,7 +13,6 @@ from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
 from serp.tasks.environment import BoundTask
 from serp.tasks.remote_task import RemoteTask
-from serp.tasks.spaces import single
 from serp.tasks.task import Judge
 from serp.tasks.wrapper_state import has_statistics
 
@@ -95,7 +94,7 @@ class Rollout:
             domain_reward=judged.domain_reward,
             env_reward=env_reward,
             unsafe=judged.unsafe,
-            unsafe_observed=judged.unsafe or single(info.get("unsafe")) is True,
+            unsafe_observed=judged.unsafe or info.get("unsafe", False),
             next_state=next_state,
             next_x=next_x,
             terminated=terminated,

@@ -212,6 +212,16 @@ class BoundTask(Closing):
     def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; return observation and info, or raise an EnvironmentFailure."""
         with self._calling("reset"):
+            for what, before in (
+                ("action_space", self.action_space.space),
+                ("observation_space", self.observations.space),
+            ):
+                now = getattr(self.env, what)
+                if now is not before and now != before:
+                    raise EnvironmentFailure(
+                        f"the environment's {what} was {before} and now is {now}; it must not "
+                        "change, so make one environment for each"
+                    )
             return reset_answer(self.env.reset(seed=seed))
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:

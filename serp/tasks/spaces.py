@@ -277,6 +277,8 @@ def _truth(value: Any, what: str) -> bool:
 def _info(value: Any) -> dict[str, Any]:
     if type(value) is not dict and not isinstance(value, Mapping):
         raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
+    if "unsafe" in value:  # harm must not pass because of how it is written
+        return {**value, "unsafe": _truth(value["unsafe"], 'info["unsafe"]')}
     return dict(value)
 
 

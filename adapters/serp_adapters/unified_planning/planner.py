@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import reprlib
 import subprocess
 import threading
 import time
@@ -18,7 +19,7 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 from serp._util.processes import python_command
-from serp.errors import MissingExtra, Notice, SettingsError
+from serp.errors import MissingExtra, Notice, SerpError, SettingsError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.plan_follower import PlanFollower
 from serp.settings import PlannerSettings
@@ -74,14 +75,18 @@ class EnginePlans:
 
     def __call__(self, state: Vector) -> list[int] | None:
         """Return the positions of the ground actions of a plan from a state `[F]`, or None."""
-        if self._process is None or self.model.revision != self._revision:
-            self._introduce()
-        question = {"state": values_in(self._task, state), "seconds": self.seconds}
-        answer = self._ask(question, self.seconds + _GRACE)
+        try:
+            if self._process is None or self.model.revision != self._revision:
+                self._introduce()
+            question = {"state": values_in(self._task, state), "seconds": self.seconds}
+            answer = self._ask(question, self.seconds + _GRACE)
+        except SerpError as error:  # it was used before, so a training goes on without it
+            self._end()
+            answer = {"error": str(error)}
         plan: list[int] | None = answer.get("plan")
         if plan is None and not self._told:
             self._told = True
-            why = answer.get("status") or answer["error"]
+            why = answer.get("status") or answer.get("error", "it did not say why")
             warnings.warn(
                 f"planner `up:{self.engine}` found no plan ({why}) and `far-sight` decides; this "
                 "is said only once",
@@ -121,7 +126,7 @@ class EnginePlans:
         timer.start()
         line = ""
         try:
-            with contextlib.suppress(OSError):  # it is dead
+            with contextlib.suppress(OSError, ValueError):  # it is dead, or writes no text
                 process.stdin.write(json.dumps(question) + "\n")
                 process.stdin.flush()
                 line = process.stdout.readline()
@@ -130,17 +135,37 @@ class EnginePlans:
             raise
         finally:
             timer.cancel()
-        if not line:
-            self._end()
-            late = time.monotonic() >= deadline
-            return {"error": f"no answer in {seconds:g} seconds" if late else "its process ended"}
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+        answer = _answer_in(line, len(self.model.actions))
+        if answer is not None:
+            return answer
+        late, whole = time.monotonic() >= deadline, line.endswith("\n")
+        if not whole:  # so that its own end can be told from ours
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_GRACE)
+        self._end()
+        if late:
+            return {"error": f"no answer in {seconds:g} seconds"}
+        if whole:
+            return {"error": f"its process wrote {reprlib.repr(line)}, which is no answer"}
+        code = process.returncode
+        cause = "; not enough memory?" if code == -9 else ""
+        return {"error": f"its process ended with exit status {code}{cause}"}
 
     def _end(self) -> None:
         if self._process is not None:
             self._finalizer()
             self._process = None
+
+
+def _answer_in(line: str, actions: int) -> dict[str, Any] | None:
+    """Return an answer whose plan consists of positions of actions; None for any other line."""
+    try:
+        answer = json.loads(line)
+        plan = answer.get("plan")
+        known = plan is None or all(type(k) is int and 0 <= k < actions for k in plan)
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return None
+    return answer if known and line.endswith("\n") else None
 
 
 def _finish(process: subprocess.Popen[str]) -> None:

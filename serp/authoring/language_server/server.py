@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 from lsprotocol import types
 from pygls import uris
+from pygls.exceptions import JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
 from pygls.workspace import PositionCodec
 
@@ -168,7 +170,11 @@ class PddlServer(LanguageServer):
         return Positions(self.workspace.position_codec)
 
     def files(self, uri: str) -> Files:
-        """Return a domain, a problem or scenarios with what belongs to them, as in the editor."""
+        """Return a domain, a problem or scenarios with what belongs to them, as in the editor.
+
+        Raises:
+            JsonRpcInvalidParams: The file is not open.
+        """
         texts = {doc.path: doc.source for doc in self.workspace.text_documents.values()}
 
         def read(path: Path | None) -> Source | None:
@@ -181,7 +187,9 @@ class PddlServer(LanguageServer):
                 return None
 
         path = Path(uris.to_fs_path(uri) or uri)
-        opened = text_of(str(path), self.workspace.get_text_document(uri).source)
+        if str(path) not in texts:  # pygls would read it from the disk
+            raise JsonRpcInvalidParams(f"{uri} is not open in the editor")
+        opened = text_of(str(path), texts[str(path)])
         if path.suffix == SUFFIX:
             domain = path.with_suffix(".pddl")
             return Files(opened, read(domain), read(problem_beside(domain)))
@@ -233,6 +241,19 @@ def uri_of(name: str) -> str:
     """Return how an editor names a file."""
     uri = uris.from_fs_path(name) if Path(name).is_absolute() else None
     return uri or name
+
+
+class Input(io.BufferedReader):
+    """What an editor sends; a message or header that is too long is as the end of the input."""
+
+    def readline(self, size: int | None = -1, /) -> bytes:
+        """Return a header."""
+        return super().readline(1_000)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return a message of a number of bytes."""
+        most = 1 << 28  # as of a file
+        return super().read(size) if size is not None and 0 <= size <= most else b""
 
 
 server = PddlServer()

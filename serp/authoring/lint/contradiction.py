@@ -14,6 +14,10 @@ from serp.pddl.source import Place
 Pair = tuple[g.Test, g.Test]
 _Limit = tuple[str, Fraction | int]
 """A comparison with a number: the operator and the number."""
+_Tightest = dict[str, tuple[Fraction | int, g.Test]]
+"""Operator, but for `!=` → the number that says most, and the test that says it."""
+_Excepted = dict[Fraction | int, g.Test]
+"""Number that a test excepts → that test."""
 _HOLDS = {"<": op.lt, "<=": op.le, "=": op.eq, "!=": op.ne, ">=": op.ge, ">": op.gt}
 _MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
 _NEGATED = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
@@ -76,12 +80,12 @@ class _Known:
     def __init__(self, theta: Sequence[float]) -> None:
         self.theta = theta
         self.truths: dict[int, tuple[bool, g.Test]] = {}
-        self.limits: dict[Hashable, dict[_Limit, g.Test]] = {}  # by expression, where from
+        self.limits: dict[Hashable, tuple[_Tightest, _Excepted]] = {}  # by expression
 
     def copy(self) -> _Known:
         other = _Known(self.theta)
         other.truths = dict(self.truths)
-        other.limits = {key: dict(limits) for key, limits in self.limits.items()}
+        other.limits = {key: (dict(a), dict(b)) for key, (a, b) in self.limits.items()}
         return other
 
     def add(
@@ -130,11 +134,16 @@ class _Known:
         ranges = _RANGES.get(first[0], ()) if len(key) == 1 and isinstance(first, tuple) else ()
         if any(_exclude(limit, bound) for bound in ranges):
             return written, written
-        known = self.limits.setdefault(key, {})
-        for other, source in known.items():
-            if _exclude(limit, other):
+        known, excepted = self.limits.setdefault(key, ({}, {}))
+        for other, (number, source) in known.items():
+            if _exclude(limit, (other, number)):
                 return source, written
-        known.setdefault(limit, written)
+        if operator == "=" and limit[1] in excepted:
+            return excepted[limit[1]], written
+        if operator == "!=":
+            excepted.setdefault(limit[1], written)
+        elif operator not in known or _HOLDS[operator](limit[1], known[operator][0]):
+            known[operator] = limit[1], written
         return None
 
 

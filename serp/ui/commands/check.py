@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from serp._util.did_you_mean import listed
+from serp._util.processes import no_collection
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
 from serp.ui.options import (
@@ -139,6 +140,7 @@ def _look(
     summary.append(f"task {task.name}: environment, grounding and actions fit together")
 
 
+@no_collection()
 def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
     from serp.authoring.lint.domain_pairs import domain_not_found

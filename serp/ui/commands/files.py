@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import io
 import os
 from pathlib import Path
 
@@ -99,15 +100,12 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
 
 
 def write_changed(path: Path, text: str) -> None:
-    """Replace a file atomically, but for its byte order mark and its mode."""
+    """Replace a file atomically, but for its byte order mark."""
     from serp._util.files import write_durably
 
     target = Path(os.path.realpath(path))
     mark = codecs.BOM_UTF8 if target.read_bytes().startswith(codecs.BOM_UTF8) else b""
-    mode = target.stat().st_mode
     write_durably(target, mark + text.encode())
-    if target.stat().st_mode != mode:
-        target.chmod(mode)
 
 
 @command("serp lsp", "pip install 'serp[lsp]'")
@@ -117,9 +115,9 @@ def lsp() -> None:
     Editors start this command themselves; docs/how-to/editors.md says how each is told.
     """
     with needs_extra("lsp", "`serp lsp`"):
-        from serp.authoring.language_server.server import server
+        from serp.authoring.language_server.server import Input, server
 
-    server.start_io()
+    server.start_io(Input(io.FileIO(0, closefd=False)))
 
 
 @command(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import secrets
 import signal
 import socket
+import tempfile
 import webbrowser
+from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import uvicorn
@@ -17,6 +21,7 @@ from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from serp._util.files import write_durably
 from serp.errors import SerpError
 from serp.ui.output import print_result
 from serp.ui.root import say
@@ -42,18 +47,25 @@ _HEADERS: Final = {
 class Guard:
     """An ASGI application in front of another one, at a port of this machine.
 
-    The address has a random token. Whoever calls it gets a cookie, which all other requests need,
-    those of websockets included. Requests that name another host (a name that somebody lets point
-    to this machine) or come from a page of another origin are refused.
+    The address has a random token, which is good for one call; `on_used` is called when there is
+    another one. Who calls it gets a cookie and is sent to a secret path, below which everything
+    lies. All other requests need both, those of websockets included: a browser sends cookies to
+    every port of this machine, but only for their path. Requests that name another host (a name
+    that somebody lets point to this machine) or come from a page of another origin are refused.
     """
 
-    def __init__(self, app: ASGIApp, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int, on_used: Callable[[], None] = lambda: None) -> None:
         self.app = app
-        self.token = secrets.token_urlsafe(32)
-        self._cookie = secrets.token_urlsafe(32)
-        self._cookie_name = f"serp-studio-{port}"
+        self._on_used = on_used
+        self.token, self._cookie = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        self._path = f"/{secrets.token_urlsafe(32)}"
+        self._cookie_name, self._port = f"serp-studio-{port}", port
         self._hosts = (f"127.0.0.1:{port}", f"localhost:{port}")
-        self.address = f"http://127.0.0.1:{port}/?token={self.token}"
+
+    @property
+    def address(self) -> str:
+        """The address with the token that is good now."""
+        return f"http://127.0.0.1:{self._port}/?token={self.token}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -64,18 +76,24 @@ class Guard:
         hosts, origins = (request.headers.getlist(name) for name in ("host", "origin"))
         own = len(hosts) == 1 and hosts[0] in self._hosts
         own = own and origins in ([f"http://{hosts[0]}"], *([[]] if page else []))
-        if own and _equal(request.cookies.get(self._cookie_name, ""), self._cookie):
+        # The page that hands the token over may be of any origin.
+        near = request.headers.get("sec-fetch-site", "none") in ("same-origin", "none")
+        below = _equal(scope["path"][: len(self._path) + 1], f"{self._path}/")
+        known = below and _equal(request.cookies.get(self._cookie_name, ""), self._cookie)
+        if own and near and known:
+            scope = {**scope, "root_path": self._path}
             await self.app(scope, receive, _private(send, hosts[0]))
         elif own and page and scope["path"] == "/" and self._has_token(request):
             # The page calls again, without the token in the address: a redirection that began at
             # another site would come without the cookie.
-            welcome = HTMLResponse(
-                '<!doctype html><meta http-equiv="refresh" content="0;url=/">'
-                "<title>serp studio</title>",
-                headers={**_HEADERS, "cache-control": "no-store"},
+            self.token = secrets.token_urlsafe(32)
+            headers = {**_HEADERS, "cache-control": "no-store"}
+            welcome = HTMLResponse(_leading_to(f"{self._path}/"), headers=headers)
+            welcome.set_cookie(
+                self._cookie_name, self._cookie, path=self._path, httponly=True, samesite="strict"
             )
-            welcome.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="strict")
             await welcome(scope, receive, send)
+            self._on_used()
         elif page:
             refusal = "Refused: open the address that serp studio has printed.\n"
             await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
@@ -85,6 +103,14 @@ class Guard:
     def _has_token(self, request: HTTPConnection) -> bool:
         given = request.query_params.get("token", "")
         return request.scope["method"] == "GET" and _equal(given, self.token)
+
+
+def _leading_to(address: str) -> str:
+    """Return a page that leads to another one."""
+    return (
+        f'<!doctype html><meta http-equiv="refresh" content="0;url={address}">'
+        '<meta name="referrer" content="no-referrer"><title>serp studio</title>'
+    )
 
 
 def _private(send: Send, host: str) -> Send:
@@ -112,7 +138,7 @@ def serve(session: Session, port: int, *, browser: bool) -> None:
             f"port {port} cannot be used ({error.strerror}); give another one, or --port 0 for any "
             "that is free"
         ) from error
-    with listening:
+    with listening, contextlib.ExitStack() as stack:
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
         ui.run_with(
             app,
@@ -122,7 +148,15 @@ def serve(session: Session, port: int, *, browser: bool) -> None:
             show_welcome_message=False,
             reconnect_timeout=10.0,
         )
-        guard = Guard(app, listening.getsockname()[1])
+        private = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="serp-studio-")))
+        opening = private / "open.html"  # a browser's arguments are seen by every user
+
+        def hand_over() -> None:
+            """Show the address, by a file for this user's browser, too."""
+            write_durably(opening, _leading_to(guard.address))
+            print_result(guard.address)
+
+        guard = Guard(app, listening.getsockname()[1], hand_over)
         config = uvicorn.Config(
             guard,
             lifespan="on",
@@ -131,9 +165,9 @@ def serve(session: Session, port: int, *, browser: bool) -> None:
             server_header=False,
             timeout_graceful_shutdown=1,
         )
-        print_result(guard.address)
+        hand_over()
         if browser:
-            webbrowser.open(guard.address)
+            webbrowser.open(opening.as_uri())
         gc.collect()
         gc.freeze()  # what was imported: passing over it takes longer than a whole view
         server = uvicorn.Server(config)

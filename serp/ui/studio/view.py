@@ -32,6 +32,9 @@ Values = Mapping[str, float | bool]
 Version = tuple[tuple[str, str], ...]
 """Name of the file and text of a domain, and of its problem if there is one."""
 
+MOST_CHARACTERS = 1 << 19
+"""Most characters that are examined while they are edited; it takes some seconds."""
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -157,6 +160,10 @@ def view_of(
     `seen` has the ranges of the fluents; `task` is None for a file alone.
     """
     findings: tuple[Finding, ...] = ()
+    size = sum(len(text) for _, text in version)
+    if size > MOST_CHARACTERS:
+        return View(version, findings, f"Too large to be examined while it is edited ({size:,} of "
+                    f"{MOST_CHARACTERS:,} characters). Save it, and use `serp check`.")  # fmt: skip
     try:
         findings, planner = read(version, surroundings)
         if planner is None:

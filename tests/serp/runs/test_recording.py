@@ -18,6 +18,7 @@ from serp.runs.recording import (
     Recording,
     decode,
     encode,
+    open_recording,
     vetoed,
 )
 from serp.runs.trainer import Trainer
@@ -195,6 +196,16 @@ def test_what_was_not_recorded_is_refused(forge, message, tmp_path, steps):
         found = Recording(folder)
         found.columns(*COLUMNS)
         found.step(5)
+
+
+def test_a_recording_that_is_a_link_is_not_followed(tmp_path, steps):
+    run = tmp_path / "run"
+    record(tmp_path / "elsewhere", steps)
+    (run / "evaluations").mkdir(parents=True)
+    for link, evaluation in (("recording", None), ("evaluations/of", "of")):
+        (run / link).symlink_to(tmp_path / "elsewhere")
+        with pytest.raises(RunError, match=f"{link} is a link"):
+            open_recording(run, evaluation)
 
 
 def test_a_step_that_is_not_there_is_refused_with_those_that_are(tmp_path, steps):

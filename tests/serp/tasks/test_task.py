@@ -158,6 +158,7 @@ def test_a_grounding_that_is_wrong_is_a_task_error(tmp_path, ground, said):
         ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
         ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
         ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
+        ((SEEN, 0.0, False, False, {"unsafe": "maybe"}), "info..unsafe.. is 'maybe' .str., not"),
         ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
     ],
 )
@@ -184,6 +185,15 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
     ):
         with pytest.raises(EnvironmentFailure, match=said):
             bound.observation({**good, **part})
+
+
+def test_spaces_that_change_and_observations_that_are_none_are_named(tmp_path):
+    bound = corridor(tmp_path).bind()
+    with pytest.raises(EnvironmentFailure, match="task corridor: the observation: None .NoneType"):
+        bound.observation(None)
+    bound.env.action_space = spaces.Discrete(7)
+    with pytest.raises(EnvironmentFailure, match=r"reset failed.*action_space.* now is Discrete.7"):
+        bound.reset()
 
 
 def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path):

@@ -19,9 +19,14 @@ from serp.ui.studio.view import View
 
 
 async def show_page(session: Session) -> None:
-    """Build the page for a browser that has just called; it takes the studio from an older one."""
+    """Build the page for a browser that has just called; it takes the studio from an older one.
+
+    It does so when the page is there and connected: a request alone changes nothing.
+    """
     style = Path(__file__).with_name("studio.css").read_text(encoding="utf-8")
+    ui.add_css(page_colours() + style)
     client = ui.context.client
+    await client.connected()
     live = Live(session)
 
     def let_go() -> None:
@@ -34,7 +39,6 @@ async def show_page(session: Session) -> None:
             ui.button("Use it here", on_click=lambda: ui.navigate.reload()).props("no-caps")
 
     session.take_over(let_go)
-    ui.add_css(page_colours() + style)
     with ui.element("header").classes("serp-head"):
         ui.label("serp studio").classes("serp-brand")
         state = ui.label().classes("serp-file")
@@ -58,9 +62,6 @@ async def show_page(session: Session) -> None:
     live.shows(show_state)
 
     client.on_delete(live.close)
-    await client.connected()
-    if live.closed:
-        return
     prefers_dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches")
     if live.closed:
         return

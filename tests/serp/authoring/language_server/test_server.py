@@ -1,6 +1,7 @@
 """The language server, asked by a client over standard input and output."""
 
 import asyncio
+import subprocess
 import sys
 from pathlib import Path
 from random import Random
@@ -10,6 +11,7 @@ import pytest
 pytest.importorskip("pygls")
 
 from lsprotocol import types
+from pygls.exceptions import JsonRpcException
 from pygls.lsp.client import LanguageClient
 
 from serp.authoring.language_server.names import Index, completions, explained, word_at
@@ -121,6 +123,22 @@ def test_an_editor_is_served_while_files_are_being_written(tmp_path):
         await editor.until("walk.pddl", "no-change")
 
     in_editor(tmp_path, use)
+
+
+def test_a_file_that_is_not_open_is_not_read_and_a_message_without_end_ends_the_server(tmp_path):
+    (tmp_path / "secret.pddl").write_text(WALK)
+
+    async def use(editor):
+        document = types.TextDocumentIdentifier(editor.uri("secret.pddl"))
+        asked = types.HoverParams(document, types.Position(0, 10))
+        with pytest.raises(JsonRpcException, match="is not open in the editor"):
+            await editor.client.text_document_hover_async(asked)
+
+    in_editor(tmp_path, use)
+    command = [sys.executable, "-m", "serp", "lsp"]
+    sent = b"Content-Length: 99999999999999\r\n\r\n{}"
+    ended = subprocess.run(command, input=sent, capture_output=True, timeout=30)
+    assert (ended.returncode, ended.stdout) == (0, b"") and b"Traceback" not in ended.stderr
 
 
 async def completes_and_explains(editor):

@@ -47,6 +47,18 @@ def test_it_is_served_on_this_machine_alone_and_forgets_its_token(opened):
     with pytest.raises(urllib.error.HTTPError, match="403"), urllib.request.urlopen(f"{origin}/"):
         pass
     assert "token" not in opened.page.url
+    cookies = {each["name"]: each["value"] for each in opened.page.context.cookies(opened.page.url)}
+    assert cookies and not opened.page.context.cookies(origin)  # nor for another port
+    used = urllib.request.Request(opened.address)
+    with pytest.raises(urllib.error.HTTPError, match="403"), urllib.request.urlopen(used):
+        pass
+    # A page that nobody connects with takes nothing over.
+    own = "; ".join(f"{name}={value}" for name, value in cookies.items())
+    asked = urllib.request.Request(opened.page.url, headers={"cookie": own})
+    with urllib.request.urlopen(asked) as answer:
+        assert answer.status == 200
+    opened.page.wait_for_timeout(500)
+    assert opened.page.locator(".serp-elsewhere").count() == 0
 
 
 def test_the_page_follows_what_is_typed_and_set(opened):

@@ -2,6 +2,7 @@
 
 import asyncio
 import os
+import re
 
 import pytest
 
@@ -43,6 +44,12 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session):
     assert heat.value == 70.0
 
 
+def test_a_file_too_large_to_follow_typing_says_so_at_once(session):
+    session.edit("domain", SWITCH + "(:action a :parameters () :effect (on))\n" * 30_000)
+    view = session.asked()()
+    assert "Too large to be examined while it is edited" in view.failure and view.decision is None
+
+
 def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     folder, outside = tmp_path / "mine", tmp_path / "theirs.pddl"
     folder.mkdir()
@@ -50,12 +57,14 @@ def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
     document = Document(folder / ".." / "theirs.pddl", folder)
     document.text = "mine"
     assert document.save() == folder / "theirs.pddl" and outside.read_text() == "theirs"
+    (folder / "theirs.pddl").chmod(0o600)
     (folder / "theirs.pddl").write_text("changed meanwhile")
     document.text = "mine again"
     with pytest.raises(SerpError, match="save again to replace it"):
         document.save()
     document.save()
     assert (folder / "theirs.pddl").read_text() == "mine again"
+    assert (folder / "theirs.pddl").stat().st_mode & 0o777 == 0o600
     document.text = "not saved"
     assert document.keep() == f"The unsaved text is kept in {folder / 'theirs.pddl.unsaved'}"
     assert (folder / "theirs.pddl.unsaved").read_text() == "not saved"
@@ -93,8 +102,8 @@ def test_each_text_that_was_not_saved_is_kept(tmp_path):
 # The guard ---------------------------------------------------------------------------------------
 
 
-def answer(guard, headers, query="", kind="http"):
-    """Ask a guard; return the first message of its answer."""
+def answer(guard, headers, query="", kind="http", path="/"):
+    """Ask a guard; return the messages of its answer, the first with what a later one says."""
     sent = []
 
     async def send(message):
@@ -106,12 +115,12 @@ def answer(guard, headers, query="", kind="http"):
     scope = {
         "type": kind,
         "method": "GET",
-        "path": "/",
+        "path": path,
         "query_string": query.encode(),
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
     }
     asyncio.run(guard(scope, receive, send))
-    return sent[0]
+    return sent[0] | {"body": sent[-1].get("body", b"").decode()}
 
 
 async def inside(scope, receive, send):
@@ -119,24 +128,40 @@ async def inside(scope, receive, send):
     await send({"type": kind, "status": 200, "headers": []})
 
 
-def test_only_the_browser_with_the_token_is_let_in():
-    guard = Guard(inside, 8000)
-    here = {"host": "127.0.0.1:8000"}
-    assert answer(guard, here)["status"] == 403
-    assert answer(guard, here, "token=wrong")["status"] == 403
-    assert answer(guard, {"host": "evil.example:8000"}, f"token={guard.token}")["status"] == 403
-    foreign = {**here, "origin": "http://evil.example"}
-    assert answer(guard, foreign, f"token={guard.token}")["status"] == 403
-    welcome = answer(guard, here, f"token={guard.token}")
+HERE = {"host": "127.0.0.1:8000"}
+
+
+def let_in(guard):
+    """Hand the token over; return the cookie and the path to which it belongs."""
+    welcome = answer(guard, HERE | {"sec-fetch-site": "cross-site"}, f"token={guard.token}")
     cookie = dict(welcome["headers"])[b"set-cookie"].decode()
-    assert "HttpOnly" in cookie and "SameSite=strict" in cookie
-    known = {**here, "cookie": f"other=1; {cookie.partition(';')[0]}"}
-    headers = dict(answer(guard, known)["headers"])
+    path = re.search(r"url=(/[^\"]+/)\"", welcome["body"])[1]
+    assert "HttpOnly" in cookie and "SameSite=strict" in cookie and f"Path={path[:-1]};" in cookie
+    return cookie.partition(";")[0], path
+
+
+def test_a_session_needs_the_cookie_and_the_secret_path_and_a_token_is_good_once():
+    used = []
+    guard = Guard(inside, 8000, lambda: used.append(guard.token))
+    token = guard.token
+    assert answer(guard, HERE)["status"] == 403
+    assert answer(guard, HERE, "token=wrong")["status"] == 403
+    assert answer(guard, {"host": "evil.example:8000"}, f"token={token}")["status"] == 403
+    foreign = {**HERE, "origin": "http://evil.example"}
+    assert answer(guard, foreign, f"token={token}")["status"] == 403 and used == []
+    cookie, path = let_in(guard)
+    assert used == [guard.token] != [token]
+    assert answer(guard, HERE, f"token={token}")["status"] == 403
+    known = {**HERE, "cookie": f"other=1; {cookie}"}
+    assert answer(guard, known)["status"] == 403  # other ports of this machine know no more
+    assert answer(guard, HERE, path=path)["status"] == 403
+    assert answer(guard, known | {"sec-fetch-site": "same-site"}, path=path)["status"] == 403
+    headers = dict(answer(guard, known | {"sec-fetch-site": "none"}, path=path)["headers"])
     assert b"connect-src 'self' ws://127.0.0.1:8000" in headers[b"content-security-policy"]
 
 
 @pytest.mark.parametrize(
-    ("host", "origin", "let_in"),
+    ("host", "origin", "accepted"),
     [
         ("127.0.0.1:8000", "http://127.0.0.1:8000", True),
         ("localhost:8000", "http://localhost:8000", True),
@@ -147,15 +172,14 @@ def test_only_the_browser_with_the_token_is_let_in():
         ("evil.example:8000", "http://evil.example:8000", False),  # a name that leads here
     ],
 )
-def test_a_websocket_of_another_page_is_refused(host, origin, let_in):
+def test_a_websocket_of_another_page_is_refused(host, origin, accepted):
     guard = Guard(inside, 8000)
-    welcome = answer(guard, {"host": "127.0.0.1:8000"}, f"token={guard.token}")
-    cookie = dict(welcome["headers"])[b"set-cookie"].decode().partition(";")[0]
+    cookie, path = let_in(guard)
     headers = {"host": host, "cookie": cookie} | ({} if origin is None else {"origin": origin})
-    accepted = answer(guard, headers, kind="websocket")["type"] == "websocket.accept"
-    assert accepted == let_in
+    found = answer(guard, headers, kind="websocket", path=path)["type"] == "websocket.accept"
+    assert found == accepted
     del headers["cookie"]
-    assert answer(guard, headers, kind="websocket")["type"] == "websocket.close"
+    assert answer(guard, headers, kind="websocket", path=path)["type"] == "websocket.close"
 
 
 # Runs --------------------------------------------------------------------------------------------
