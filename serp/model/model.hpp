@@ -1,7 +1,9 @@
 // A model as planners see it.
 #pragma once
 
+#include <cstddef>
 #include <memory>
+#include <vector>
 
 #include "serp/model/flags.hpp"
 
@@ -11,6 +13,22 @@ namespace serp {
 inline constexpr int OUTCOMES = 16;
 /// Uncertainty from which on nothing is known of a step: the data say less than the prior.
 inline constexpr double UNKNOWN = 0.5;
+
+/// Steps of `actions` consecutive actions from `states` states, see `Stepper::steps`.
+struct Steps {
+    int states, actions, apart;
+    const Flags* flags;
+    const double* numbers;
+    std::ptrdiff_t row;   ///< from a number to the next one of the same step
+    std::ptrdiff_t lane;  ///< from a step to the next one
+
+    /// The place of the step of an action, counted from the first one, from a state.
+    std::ptrdiff_t at(int state, int action) const {
+        return std::ptrdiff_t{action} * apart + state;
+    }
+    /// Next state [F] and reward, with `row` from one to the next.
+    const double* of(std::ptrdiff_t step) const { return numbers + step * lane; }
+};
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.
 class Stepper {
@@ -24,6 +42,11 @@ public:
     /// Predicts the step of an action. Writes the next state and the reward to `out` [F + 1], which
     /// must not overlap the state; the numbers mean nothing where the step is not applicable.
     virtual Flags step(int action, double* out) = 0;
+
+    /// Predicts steps as `step` does, of all actions from `action` on, or some, from the first of
+    /// `count` states, in rows of F + 1 numbers. Returns all actions where there is more than one
+    /// state. Valid until the next call.
+    virtual Steps steps(const double* states, int count, int action) = 0;
 
     /// Predicts all outcomes of an applicable action. Writes rows of F + 3 numbers: next state,
     /// reward, flags and probability. Returns how many there are, at most OUTCOMES.
@@ -39,6 +62,21 @@ protected:
         rows[fluents + 2] = 1.0;
         return 1;
     }
+
+    /// `steps`, one by one.
+    Steps each_step(const double* state, int action, int actions, int fluents) {
+        const int count = actions - action, width = fluents + 1;
+        flags_.resize(count);
+        numbers_.resize(static_cast<std::size_t>(count) * width);
+        from(state);
+        for (int k = 0; k < count; ++k)
+            flags_[k] = step(action + k, numbers_.data() + static_cast<std::size_t>(k) * width);
+        return {1, count, 1, flags_.data(), numbers_.data(), 1, width};
+    }
+
+private:
+    std::vector<Flags> flags_;
+    std::vector<double> numbers_;
 };
 
 /// A transition model. What it has learned may change between decisions; steppers see the change.

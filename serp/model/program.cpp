@@ -8,6 +8,8 @@
 #include <string>
 #include <utility>
 
+#include "serp/_util/vector_code.hpp"
+
 namespace serp {
 
 namespace {
@@ -91,110 +93,284 @@ Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entri
         if (entry >= length) refuse("the start of a part");
 }
 
-/// Executes parts one after another, as long as they are applicable; returns the flags.
-Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
-    const Instruction* const code = code_.data();
-    const std::uint32_t* part = parts.begin();
-    const Instruction* at = code + *part++;
-    size_t repeats = code_.size();
+namespace {
+
+/// Lanes of a group: as many as the widest registers take.
+constexpr int GROUP = 8;
+/// Where a lane goes on whose part is over.
+constexpr std::int64_t NOWHERE = std::numeric_limits<std::int64_t>::max();
+
+/// Executes a part: for the lanes of some groups, or (not MANY) in a frame of one lane.
+///
+/// Lanes share the place in the table. As all jumps but those of REPEAT lead further on, a lane that
+/// jumps where others do not has only to wait until these get there: it is active where its place in
+/// `resume` has been reached (masks as in Fung et al., "Dynamic Warp Formation", MICRO 2007).
+template <bool MANY>
+struct Machine {
+    const Instruction* const code;
+    double* const frame;
+    const int fluents;
+    const std::size_t out_at;
+    // Of many lanes: their number in the frame, the lanes of this part, and its results.
+    const std::size_t lanes = 1, begin = 0, size = 1;
+    std::int64_t* const resume = nullptr;  ///< from here on arrays begin with the first lane
+    Flags* const flags = nullptr;
+
+    const Instruction* at = nullptr;
+    /// From this place on all lanes are active.
+    std::int64_t together = 0;
+
+    SERP_INLINE double* row(std::size_t place) const { return frame + place * lanes + begin; }
+    SERP_INLINE std::int64_t here() const { return at - code - 1; }
+
+    /// Calls a function with each lane; it must not read what it wrote for other lanes.
+    template <class Function>
+    SERP_INLINE void each(Function function) const {
+        const std::size_t count = size / GROUP * GROUP;
+        SERP_INDEPENDENT
+        for (std::size_t k = 0; k < count; ++k) function(k);
+    }
+
+    /// Sets a row to the values of a function of lanes, where these are active.
+    template <class Value>
+    SERP_INLINE void set(std::size_t place, Value value) {
+        double* const target = row(place);
+        if constexpr (!MANY) {
+            *target = value(0);
+        } else if (const std::int64_t now = here(); together <= now) {
+            each([=](std::size_t k) { target[k] = value(k); });
+        } else {
+            const std::int64_t* const places = resume;
+            each([=](std::size_t k) {
+                const double number = value(k);
+                target[k] = places[k] <= now ? number : target[k];
+            });
+        }
+    }
+
+    template <class Function>
+    SERP_INLINE void unary(const Instruction& now, Function function) {
+        const double* const b = row(now.b);
+        set(now.a, [=](std::size_t k) { return function(b[k]); });
+    }
+
+    template <class Function>
+    SERP_INLINE void binary(const Instruction& now, Function function) {
+        const double *const b = row(now.b), *const c = row(now.c);
+        set(now.a, [=](std::size_t k) { return function(b[k], c[k]); });
+    }
+
+    /// Returns in how many active lanes a test holds.
+    template <class Test>
+    SERP_INLINE std::int64_t count(Test test) const {
+        std::int64_t sum = 0;
+        if (const std::int64_t now = here(); together <= now) {
+            each([&](std::size_t k) { sum += test(k) ? 1 : 0; });
+        } else {
+            const std::int64_t* const places = resume;
+            each([&](std::size_t k) { sum += (places[k] <= now) & test(k) ? 1 : 0; });
+        }
+        return sum;
+    }
+
+    /// Lets the active lanes go on where a function says.
+    template <class Place>
+    SERP_INLINE void go_on(Place place) {
+        const std::int64_t now = here();
+        std::int64_t* const places = resume;
+        each([=](std::size_t k) {
+            const std::int64_t next = place(k);
+            places[k] = places[k] <= now ? next : places[k];
+        });
+    }
+
+    /// Returns the first place where a lane goes on.
+    SERP_INLINE std::int64_t first_place() const {
+        std::int64_t first = NOWHERE;
+        const std::int64_t* const places = resume;
+        each([&](std::size_t k) { first = places[k] < first ? places[k] : first; });
+        return first;
+    }
+
+    template <class Test>
+    SERP_INLINE void jump(const Instruction& now, Test test) {
+        if constexpr (!MANY) {
+            if (test(0)) at = code + now.c;
+        } else {
+            const std::int64_t jumping = count(test), next = here() + 1, there = now.c;
+            if (jumping == 0) return;
+            if (jumping == static_cast<std::int64_t>(size)) {
+                at = code + there;
+                return;
+            }
+            go_on([=](std::size_t k) { return test(k) ? there : next; });
+            together = std::max(together, there);
+            at = code + std::max(next, first_place());
+        }
+    }
+
+    template <class Test>
+    SERP_INLINE void jump_where(const Instruction& now, Test test) {
+        const double* const a = row(now.a);
+        jump(now, [=](std::size_t k) { return test(a[k]); });
+    }
+
+    template <class Test>
+    SERP_INLINE void compare(const Instruction& now, Test test) {
+        const double *const a = row(now.a), *const b = row(now.b);
+        jump(now, [=](std::size_t k) { return test(a[k], b[k]); });
+    }
+
+    /// Ends the part for the active lanes; returns whether it is over for all.
+    SERP_INLINE bool finish(const Instruction& of) {
+        const Flags always = of.a, unsafe = of.b & UNSAFE, terminal = of.b & TERMINAL;
+        const double *const u = row(UNSAFE_SET), *const t = row(TERMINAL_SET);
+        const std::int64_t now = here(), *const places = resume;
+        Flags* const results = flags;
+        each([=](std::size_t k) {
+            const Flags set = (u[k] != 0.0 ? unsafe : 0) | (t[k] != 0.0 ? terminal : 0);
+            results[k] = places[k] <= now ? always | set : results[k];
+        });
+        if (together <= now) return true;
+        go_on([](std::size_t) { return NOWHERE; });
+        const std::int64_t first = first_place();
+        if (first == NOWHERE) return true;
+        at = code + first;
+        return false;
+    }
+
+    SERP_INLINE Flags run(const Instruction* part, std::size_t repeats);
+};
+
+/// Executes a part. Returns its flags, where there is one lane.
+template <bool MANY>
+SERP_INLINE Flags Machine<MANY>::run(const Instruction* part, std::size_t repeats) {
+    at = part;
     for (;;) {
         const Instruction& now = *at++;
         // The mask spares the compiler a check of the range.
         static_assert(static_cast<std::uint32_t>(Code::CODES) <= 32);
         switch (static_cast<Code>(now.code & 31)) {
-            case Code::RETURN: {
-                if ((now.a & APPLICABLE) && part != parts.end()) {
-                    at = code + *part++;
+            case Code::RETURN:
+                if constexpr (!MANY) {
+                    Flags its = 0;
+                    if (*row(UNSAFE_SET) != 0.0) its |= UNSAFE;
+                    if (*row(TERMINAL_SET) != 0.0) its |= TERMINAL;
+                    return now.a | (its & now.b);
+                } else {
+                    if (finish(now)) return 0;
                     break;
                 }
-                Flags flags = 0;
-                if (frame[UNSAFE_SET] != 0.0) flags |= UNSAFE;
-                if (frame[TERMINAL_SET] != 0.0) flags |= TERMINAL;
-                return now.a | (flags & now.b);
-            }
             case Code::COPY:
-                std::copy_n(frame + state_at_, fluents_, frame + out_at_);
-                frame[state_at_ - 1] = 0.0;
-                break;
-            case Code::CLEAR: std::fill(frame + now.a, frame + now.b + 1, 0.0); break;
-            case Code::MOVE: frame[now.a] = frame[now.b]; break;
-            case Code::ADD: frame[now.a] = frame[now.b] + frame[now.c]; break;
-            case Code::SUBTRACT: frame[now.a] = frame[now.b] - frame[now.c]; break;
-            case Code::MULTIPLY: frame[now.a] = frame[now.b] * frame[now.c]; break;
-            case Code::DIVIDE: {
-                const double divisor = frame[now.c];
-                frame[now.a] = divisor != 0.0 ? frame[now.b] / divisor : NOT_A_NUMBER;
-                break;
-            }
-            case Code::MIN: {
-                const double one = frame[now.b], other = frame[now.c];
-                frame[now.a] = one < other || one != one ? one : other;
-                break;
-            }
-            case Code::MAX: {
-                const double one = frame[now.b], other = frame[now.c];
-                frame[now.a] = one > other || one != one ? one : other;
-                break;
-            }
-            case Code::ATAN2: frame[now.a] = std::atan2(frame[now.b], frame[now.c]); break;
-            case Code::NEGATE: frame[now.a] = -frame[now.b]; break;
-            case Code::ABS: {
-                const double operand = frame[now.b];
-                frame[now.a] = operand > 0.0 ? operand : 0.0 - operand;
-                break;
-            }
-            case Code::SQRT: {
-                const double operand = frame[now.b];
-                frame[now.a] = operand >= 0.0 ? std::sqrt(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::SIN: {
-                const double operand = frame[now.b];
-                frame[now.a] = is_number(operand) ? std::sin(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::COS: {
-                const double operand = frame[now.b];
-                frame[now.a] = is_number(operand) ? std::cos(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::JUMP: at = code + now.c; break;
-            case Code::JUMP_IF:
-                if (frame[now.a] != 0.0) at = code + now.c;
-                break;
-            case Code::JUMP_UNLESS:
-                if (frame[now.a] == 0.0) at = code + now.c;
-                break;
-            case Code::IF_LESS:
-                if (frame[now.a] < frame[now.b]) at = code + now.c;
-                break;
-            case Code::IF_LESS_OR_EQUAL:
-                if (frame[now.a] <= frame[now.b]) at = code + now.c;
-                break;
-            case Code::IF_EQUAL:
-                if (frame[now.a] == frame[now.b]) at = code + now.c;
-                break;
-            case Code::UNLESS_LESS:
-                if (!(frame[now.a] < frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_LESS_OR_EQUAL:
-                if (!(frame[now.a] <= frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_EQUAL:
-                if (!(frame[now.a] == frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_FINITE:
-                if (!is_number(frame[now.a])) at = code + now.c;
-                break;
-            case Code::REPEAT:
-                if (frame[now.a] != 0.0 && repeats > 0) {
-                    --repeats;
-                    at = code + now.c;
+                if constexpr (!MANY) {
+                    std::copy_n(frame + out_at + fluents + 1, fluents, frame + out_at);
+                    frame[out_at + fluents] = 0.0;
+                } else {
+                    for (int f = 0; f < fluents; ++f) {
+                        const double* const state = row(out_at + fluents + 1 + f);
+                        set(out_at + f, [=](std::size_t k) { return state[k]; });
+                    }
+                    set(out_at + fluents, [](std::size_t) { return 0.0; });
                 }
                 break;
+            case Code::CLEAR:
+                for (std::size_t of = now.a; of <= now.b; ++of)
+                    set(of, [](std::size_t) { return 0.0; });
+                break;
+            case Code::MOVE: unary(now, [](double b) { return b; }); break;
+            case Code::ADD: binary(now, [](double b, double c) { return b + c; }); break;
+            case Code::SUBTRACT: binary(now, [](double b, double c) { return b - c; }); break;
+            case Code::MULTIPLY: binary(now, [](double b, double c) { return b * c; }); break;
+            case Code::DIVIDE:
+                binary(now, [](double b, double c) {
+                    const double quotient = b / c;
+                    return c != 0.0 ? quotient : NOT_A_NUMBER;
+                });
+                break;
+            case Code::MIN:
+                binary(now, [](double b, double c) { return b < c || b != b ? b : c; });
+                break;
+            case Code::MAX:
+                binary(now, [](double b, double c) { return b > c || b != b ? b : c; });
+                break;
+            case Code::ATAN2:
+                binary(now, [](double b, double c) { return std::atan2(b, c); });
+                break;
+            case Code::NEGATE: unary(now, [](double b) { return -b; }); break;
+            case Code::ABS: unary(now, [](double b) { return b > 0.0 ? b : 0.0 - b; }); break;
+            case Code::SQRT:
+                unary(now, [](double b) { return b >= 0.0 ? std::sqrt(b) : NOT_A_NUMBER; });
+                break;
+            case Code::SIN:
+                unary(now, [](double b) { return is_number(b) ? std::sin(b) : NOT_A_NUMBER; });
+                break;
+            case Code::COS:
+                unary(now, [](double b) { return is_number(b) ? std::cos(b) : NOT_A_NUMBER; });
+                break;
+            case Code::JUMP: jump(now, [](std::size_t) { return true; }); break;
+            case Code::JUMP_IF: jump_where(now, [](double a) { return a != 0.0; }); break;
+            case Code::JUMP_UNLESS: jump_where(now, [](double a) { return a == 0.0; }); break;
+            case Code::UNLESS_FINITE:
+                jump_where(now, [](double a) { return !is_number(a); });
+                break;
+            case Code::IF_LESS: compare(now, [](double a, double b) { return a < b; }); break;
+            case Code::IF_LESS_OR_EQUAL: compare(now, [](double a, double b) { return a <= b; }); break;
+            case Code::IF_EQUAL: compare(now, [](double a, double b) { return a == b; }); break;
+            case Code::UNLESS_LESS: compare(now, [](double a, double b) { return !(a < b); }); break;
+            case Code::UNLESS_LESS_OR_EQUAL:
+                compare(now, [](double a, double b) { return !(a <= b); });
+                break;
+            case Code::UNLESS_EQUAL: compare(now, [](double a, double b) { return !(a == b); }); break;
+            case Code::REPEAT: {
+                const double* const again = row(now.a);
+                if (repeats == 0) break;
+                if constexpr (!MANY) {
+                    if (*again == 0.0) break;
+                } else {
+                    if (count([=](std::size_t k) { return again[k] != 0.0; }) == 0) break;
+                    const std::int64_t next = here() + 1, back = now.c;
+                    go_on([=](std::size_t k) { return again[k] != 0.0 ? back : next; });
+                    together = std::max(together, next);
+                }
+                --repeats;
+                at = code + now.c;
+                break;
+            }
             case Code::CODES: return UNDEFINED;
         }
     }
+}
+
+/// Executes a part for the lanes from `first` to `last` whose flags are APPLICABLE.
+SERP_VECTOR_CODE
+void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, int fluents, int out_at,
+               Lanes& of, int first, int last) {
+    const int begin = first / GROUP * GROUP, end = (last + GROUP - 1) / GROUP * GROUP;
+    std::int64_t* const resume = of.resume.data() + begin;
+    Machine<true> machine{code, of.frame.data(), fluents, static_cast<std::size_t>(out_at),
+                          static_cast<std::size_t>(of.count), static_cast<std::size_t>(begin),
+                          static_cast<std::size_t>(end - begin), resume, of.flags.data() + begin};
+    const Flags* const flags = machine.flags;
+    machine.each([=](std::size_t k) { resume[k] = flags[k] & APPLICABLE ? 0 : NOWHERE; });
+    std::fill_n(resume, first - begin, NOWHERE);
+    std::fill(resume + (last - begin), resume + (end - begin), NOWHERE);
+    machine.at = code + 1;
+    const std::int64_t waiting = machine.count([=](std::size_t k) { return resume[k] > 0; });
+    if (waiting == end - begin) return;
+    if (waiting > 0) machine.together = NOWHERE;
+    machine.run(code + part, length);
+}
+
+}  // namespace
+
+/// Executes parts one after another, as long as they are applicable; returns the flags.
+Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
+    Flags flags = APPLICABLE;
+    for (const std::uint32_t* part = parts.begin(); part != parts.end() && flags & APPLICABLE; ++part) {
+        Machine<false> machine{code_.data(), frame, fluents_, static_cast<std::size_t>(out_at_)};
+        flags = machine.run(code_.data() + *part, code_.size());
+    }
+    return flags;
 }
 
 void Program::prepare(const double* theta, double dt, double* registers) const {
@@ -237,6 +413,53 @@ Flags Program::settle(Flags flags, double* out, double* registers) const {
     registers[TERMINAL_SET] = flags & TERMINAL ? 1.0 : 0.0;
     std::copy_n(out, fluents_ + 1, registers + out_at_);
     return finished(run(registers, {entries_[SETTLE]}), out, registers);
+}
+
+void Program::prepare(const double* theta, double dt, Lanes& of) const {
+    constexpr std::size_t BYTES = 1 << 16;  // the frame stays in the first cache of a processor
+    const std::size_t fitting = BYTES / sizeof(double) / registers() / GROUP * GROUP;
+    of.count = static_cast<int>(std::clamp<std::size_t>(fitting, GROUP, 128));
+    of.frame.assign(static_cast<std::size_t>(registers()) * of.count, 0.0);
+    of.resume.assign(of.count, 0);
+    of.flags.assign(of.count, 0);
+    std::vector<double> one(registers());
+    prepare(theta, dt, one.data());
+    for (int k = 0; k < static_cast<int>(THETA) + parameters_; ++k)
+        std::fill_n(of.frame.data() + static_cast<std::size_t>(k) * of.count, of.count, one[k]);
+}
+
+Batch Program::flow(const double* states, int count, int first, Lanes& of) const {
+    const std::size_t lanes = of.count, stride = static_cast<std::size_t>(fluents_) + 1;
+    Batch batch = fitting(count, first, of.count);
+    of.used = batch.apart * batch.actions;
+    for (const std::uint32_t flag : {UNSAFE_SET, TERMINAL_SET})
+        std::fill_n(of.frame.data() + flag * lanes, of.used, 0.0);
+    std::fill_n(of.flags.data(), of.used, APPLICABLE);
+    for (int f = 0; f < fluents_; ++f) {
+        double* const row = of.frame.data() + (state_at_ + f) * lanes;
+        for (int k = 0; k < batch.apart; ++k)
+            row[k] = states[std::min(k, batch.states - 1) * stride + f];
+        for (int a = 1; a < batch.actions; ++a) std::copy_n(row, batch.apart, row + a * batch.apart);
+    }
+    for (int a = 0; a < batch.actions; ++a)
+        run(entries_[ACTIONS + first + a], a * batch.apart, (a + 1) * batch.apart, of);
+    run(entries_[DRIFT], 0, of.used, of);
+    return batch;
+}
+
+Batch Program::fitting(int count, int first, int lanes) const {
+    const int actions = this->actions() - first, most = lanes / actions;
+    if (first > 0 || most == 0) return {1, std::min(actions, lanes), 1};
+    if (most < GROUP || count < GROUP / 2) return {std::min(count, most), actions, std::min(count, most)};
+    // Every action has groups of its own.
+    const int states = std::min(count, most - most % GROUP);
+    return {states, actions, (states + GROUP - 1) / GROUP * GROUP};
+}
+
+void Program::settle(Lanes& of) const { run(entries_[SETTLE], 0, of.used, of); }
+
+void Program::run(std::uint32_t part, int first, int last, Lanes& of) const {
+    run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, first, last);
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,

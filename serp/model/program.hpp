@@ -56,6 +56,22 @@ enum Part : std::size_t {
     ACTIONS     ///< [2A] preconditions and effects of actions, then what concerns reward and flags
 };
 
+/// Memory for steps that are executed together, one in each lane. A row of the frame has a number of
+/// each lane.
+struct Lanes {
+    int count = 0;               ///< L; of the newest steps `used` ones
+    int used = 0;
+    std::vector<double> frame;   ///< [registers, L]
+    std::vector<std::int64_t> resume;  ///< [L] where a lane goes on
+    std::vector<Flags> flags;    ///< [L]
+};
+
+/// Steps of consecutive actions from some states: action a, counted from the first, from state k is
+/// in lane a * apart + k.
+struct Batch {
+    int states, actions, apart;
+};
+
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
 ///
 /// Arrays: `state` and `next_state` [F], `theta` [P], `out` [F + 1] with the reward at F.
@@ -92,6 +108,19 @@ public:
     /// Events, goal and metric, applied to what `flow` wrote; `flags` are those that it returned.
     Flags settle(Flags flags, double* out, double* registers) const;
 
+    // The same in lanes, for many states and actions at once.
+
+    void prepare(const double* theta, double dt, Lanes& of) const;
+    /// `flow` of the actions from `first` on, from the first of `count` states in rows of F + 1
+    /// numbers, as many as there are lanes for: of all actions where there is more than one state.
+    Batch flow(const double* states, int count, int first, Lanes& of) const;
+    /// `settle`, where what `flow` left is applicable.
+    void settle(Lanes& of) const;
+    /// Returns numbers of `out` [L]: next state and, at F, the reward.
+    const double* out(int fluent, const Lanes& of) const {
+        return of.frame.data() + static_cast<std::size_t>(out_at_ + fluent) * of.count;
+    }
+
     // One step of its own.
 
     /// Reward and flags of an observed transition; the reward is written to `out` at F. Action -1
@@ -101,6 +130,8 @@ public:
 
 private:
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;
+    Batch fitting(int count, int first, int lanes) const;
+    void run(std::uint32_t part, int first, int last, Lanes& of) const;
     Flags finished(Flags flags, double* out, const double* frame) const;
 
     std::vector<Instruction> code_;

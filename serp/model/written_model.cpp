@@ -19,7 +19,7 @@ namespace {
 class WrittenStepper : public Stepper {
 public:
     explicit WrittenStepper(const WrittenModel& model)
-        : program_(model.program()), registers_(program_->registers()) {
+        : model_(model), program_(model.program()), registers_(program_->registers()) {
         program_->prepare(model.theta().data(), model.dt(), registers_.data());
     }
 
@@ -29,13 +29,23 @@ public:
         return program_->step(action, out, registers_.data());
     }
 
+    Steps steps(const double* states, int count, int action) override {
+        const Program& program = *program_;
+        if (lanes_.count == 0) program.prepare(model_.theta().data(), model_.dt(), lanes_);
+        const Batch batch = program.flow(states, count, action, lanes_);
+        program.settle(lanes_);
+        return {batch.states, batch.actions, batch.apart, lanes_.flags.data(), program.out(0, lanes_), lanes_.count, 1};
+    }
+
     int outcomes(int action, double* rows) override {
         return only_outcome(action, rows, program_->fluents());
     }
 
 private:
+    const WrittenModel& model_;
     const std::shared_ptr<const Program> program_;
     std::vector<double> registers_;
+    Lanes lanes_;
 };
 
 }  // namespace
