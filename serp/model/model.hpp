@@ -14,20 +14,13 @@ inline constexpr int OUTCOMES = 16;
 /// Uncertainty from which on nothing is known of a step: the data say less than the prior.
 inline constexpr double UNKNOWN = 0.5;
 
-/// Steps of `actions` consecutive actions from `states` states, see `Stepper::steps`.
+/// Steps of consecutive actions from some states, see `Stepper::steps`. Action a, counted from the
+/// first, from state k is in lane a * apart + k.
 struct Steps {
     int states, actions, apart;
-    const Flags* flags;
-    const double* numbers;
-    std::ptrdiff_t row;   ///< from a number to the next one of the same step
-    std::ptrdiff_t lane;  ///< from a step to the next one
-
-    /// The place of the step of an action, counted from the first one, from a state.
-    std::ptrdiff_t at(int state, int action) const {
-        return std::ptrdiff_t{action} * apart + state;
-    }
-    /// Next state [F] and reward, with `row` from one to the next.
-    const double* of(std::ptrdiff_t step) const { return numbers + step * lane; }
+    const Flags* flags = nullptr;     ///< [lanes]
+    const double* numbers = nullptr;  ///< next state [F] and reward
+    std::ptrdiff_t row = 1, lane = 1; ///< from a number to the next one of a step; of the next step
 };
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.

@@ -113,8 +113,8 @@ struct Machine {
     const std::size_t out_at;
     // Of many lanes: their number in the frame, the lanes of this part, and its results.
     const std::size_t lanes = 1, begin = 0, size = 1;
-    std::int64_t* const resume = nullptr;  ///< from here on arrays begin with the first lane
-    Flags* const flags = nullptr;
+    std::int64_t* const resume = nullptr;  ///< as `flags`, it begins with the first of these
+    Flags* flags = nullptr;
 
     const Instruction* at = nullptr;
     /// From this place on all lanes are active.
@@ -122,11 +122,12 @@ struct Machine {
 
     SERP_INLINE double* row(std::size_t place) const { return frame + place * lanes + begin; }
     SERP_INLINE std::int64_t here() const { return at - code - 1; }
+    SERP_INLINE bool all_active() const { return !MANY || together <= here(); }
 
     /// Calls a function with each lane; it must not read what it wrote for other lanes.
     template <class Function>
     SERP_INLINE void each(Function function) const {
-        const std::size_t count = size / GROUP * GROUP;
+        const std::size_t count = MANY ? size / GROUP * GROUP : 1;
         SERP_INDEPENDENT
         for (std::size_t k = 0; k < count; ++k) function(k);
     }
@@ -135,12 +136,10 @@ struct Machine {
     template <class Value>
     SERP_INLINE void set(std::size_t place, Value value) {
         double* const target = row(place);
-        if constexpr (!MANY) {
-            *target = value(0);
-        } else if (const std::int64_t now = here(); together <= now) {
+        if (all_active()) {
             each([=](std::size_t k) { target[k] = value(k); });
         } else {
-            const std::int64_t* const places = resume;
+            const std::int64_t now = here(), *const places = resume;
             each([=](std::size_t k) {
                 const double number = value(k);
                 target[k] = places[k] <= now ? number : target[k];
@@ -164,10 +163,10 @@ struct Machine {
     template <class Test>
     SERP_INLINE std::int64_t count(Test test) const {
         std::int64_t sum = 0;
-        if (const std::int64_t now = here(); together <= now) {
+        if (all_active()) {
             each([&](std::size_t k) { sum += test(k) ? 1 : 0; });
         } else {
-            const std::int64_t* const places = resume;
+            const std::int64_t now = here(), *const places = resume;
             each([&](std::size_t k) { sum += (places[k] <= now) & test(k) ? 1 : 0; });
         }
         return sum;
@@ -178,10 +177,7 @@ struct Machine {
     SERP_INLINE void go_on(Place place) {
         const std::int64_t now = here();
         std::int64_t* const places = resume;
-        each([=](std::size_t k) {
-            const std::int64_t next = place(k);
-            places[k] = places[k] <= now ? next : places[k];
-        });
+        each([=](std::size_t k) { places[k] = places[k] <= now ? place(k) : places[k]; });
     }
 
     /// Returns the first place where a lane goes on.
@@ -194,15 +190,10 @@ struct Machine {
 
     template <class Test>
     SERP_INLINE void jump(const Instruction& now, Test test) {
-        if constexpr (!MANY) {
-            if (test(0)) at = code + now.c;
-        } else {
-            const std::int64_t jumping = count(test), next = here() + 1, there = now.c;
-            if (jumping == 0) return;
-            if (jumping == static_cast<std::int64_t>(size)) {
-                at = code + there;
-                return;
-            }
+        const std::int64_t jumping = count(test), next = here() + 1, there = now.c;
+        if (jumping == static_cast<std::int64_t>(size)) {
+            at = code + there;
+        } else if (MANY && jumping > 0) {
             go_on([=](std::size_t k) { return test(k) ? there : next; });
             together = std::max(together, there);
             at = code + std::max(next, first_place());
@@ -228,23 +219,23 @@ struct Machine {
         const std::int64_t now = here(), *const places = resume;
         Flags* const results = flags;
         each([=](std::size_t k) {
-            const Flags set = (u[k] != 0.0 ? unsafe : 0) | (t[k] != 0.0 ? terminal : 0);
-            results[k] = places[k] <= now ? always | set : results[k];
+            const Flags its =
+                always | (u[k] != 0.0 ? unsafe : 0) | (t[k] != 0.0 ? terminal : 0);
+            results[k] = !MANY || places[k] <= now ? its : results[k];
         });
-        if (together <= now) return true;
+        if (all_active()) return true;
         go_on([](std::size_t) { return NOWHERE; });
         const std::int64_t first = first_place();
-        if (first == NOWHERE) return true;
-        at = code + first;
-        return false;
+        if (first != NOWHERE) at = code + first;
+        return first == NOWHERE;
     }
 
-    SERP_INLINE Flags run(const Instruction* part, std::size_t repeats);
+    SERP_INLINE void run(const Instruction* part, std::size_t repeats);
 };
 
-/// Executes a part. Returns its flags, where there is one lane.
 template <bool MANY>
-SERP_INLINE Flags Machine<MANY>::run(const Instruction* part, std::size_t repeats) {
+SERP_INLINE void Machine<MANY>::run(const Instruction* part, std::size_t repeats) {
+    const auto zero = [](std::size_t) { return 0.0; };
     at = part;
     for (;;) {
         const Instruction& now = *at++;
@@ -252,30 +243,17 @@ SERP_INLINE Flags Machine<MANY>::run(const Instruction* part, std::size_t repeat
         static_assert(static_cast<std::uint32_t>(Code::CODES) <= 32);
         switch (static_cast<Code>(now.code & 31)) {
             case Code::RETURN:
-                if constexpr (!MANY) {
-                    Flags its = 0;
-                    if (*row(UNSAFE_SET) != 0.0) its |= UNSAFE;
-                    if (*row(TERMINAL_SET) != 0.0) its |= TERMINAL;
-                    return now.a | (its & now.b);
-                } else {
-                    if (finish(now)) return 0;
-                    break;
-                }
+                if (finish(now)) return;
+                break;
             case Code::COPY:
-                if constexpr (!MANY) {
-                    std::copy_n(frame + out_at + fluents + 1, fluents, frame + out_at);
-                    frame[out_at + fluents] = 0.0;
-                } else {
-                    for (int f = 0; f < fluents; ++f) {
-                        const double* const state = row(out_at + fluents + 1 + f);
-                        set(out_at + f, [=](std::size_t k) { return state[k]; });
-                    }
-                    set(out_at + fluents, [](std::size_t) { return 0.0; });
+                for (int f = 0; f < fluents; ++f) {
+                    const double* const state = row(out_at + fluents + 1 + f);
+                    set(out_at + f, [=](std::size_t k) { return state[k]; });
                 }
+                set(out_at + fluents, zero);
                 break;
             case Code::CLEAR:
-                for (std::size_t of = now.a; of <= now.b; ++of)
-                    set(of, [](std::size_t) { return 0.0; });
+                for (std::size_t of = now.a; of <= now.b; ++of) set(of, zero);
                 break;
             case Code::MOVE: unary(now, [](double b) { return b; }); break;
             case Code::ADD: binary(now, [](double b, double c) { return b + c; }); break;
@@ -322,21 +300,19 @@ SERP_INLINE Flags Machine<MANY>::run(const Instruction* part, std::size_t repeat
                 break;
             case Code::UNLESS_EQUAL: compare(now, [](double a, double b) { return !(a == b); }); break;
             case Code::REPEAT: {
-                const double* const again = row(now.a);
-                if (repeats == 0) break;
-                if constexpr (!MANY) {
-                    if (*again == 0.0) break;
-                } else {
-                    if (count([=](std::size_t k) { return again[k] != 0.0; }) == 0) break;
+                const double* const a = row(now.a);
+                const auto again = [=](std::size_t k) { return a[k] != 0.0; };
+                if (repeats == 0 || count(again) == 0) break;
+                if constexpr (MANY) {
                     const std::int64_t next = here() + 1, back = now.c;
-                    go_on([=](std::size_t k) { return again[k] != 0.0 ? back : next; });
+                    go_on([=](std::size_t k) { return again(k) ? back : next; });
                     together = std::max(together, next);
                 }
                 --repeats;
                 at = code + now.c;
                 break;
             }
-            case Code::CODES: return UNDEFINED;
+            case Code::CODES: return;
         }
     }
 }
@@ -368,7 +344,8 @@ Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) co
     Flags flags = APPLICABLE;
     for (const std::uint32_t* part = parts.begin(); part != parts.end() && flags & APPLICABLE; ++part) {
         Machine<false> machine{code_.data(), frame, fluents_, static_cast<std::size_t>(out_at_)};
-        flags = machine.run(code_.data() + *part, code_.size());
+        machine.flags = &flags;
+        machine.run(code_.data() + *part, code_.size());
     }
     return flags;
 }
@@ -428,38 +405,41 @@ void Program::prepare(const double* theta, double dt, Lanes& of) const {
         std::fill_n(of.frame.data() + static_cast<std::size_t>(k) * of.count, of.count, one[k]);
 }
 
-Batch Program::flow(const double* states, int count, int first, Lanes& of) const {
+Steps Program::steps(const double* states, int count, int first, Lanes& of) const {
     const std::size_t lanes = of.count, stride = static_cast<std::size_t>(fluents_) + 1;
-    Batch batch = fitting(count, first, of.count);
-    of.used = batch.apart * batch.actions;
+    double* const frame = of.frame.data();
+    Steps steps = fitting(count, first, of.count);
+    const int used = steps.apart * steps.actions;
     for (const std::uint32_t flag : {UNSAFE_SET, TERMINAL_SET})
-        std::fill_n(of.frame.data() + flag * lanes, of.used, 0.0);
-    std::fill_n(of.flags.data(), of.used, APPLICABLE);
+        std::fill_n(frame + flag * lanes, used, 0.0);
+    std::fill_n(of.flags.data(), used, APPLICABLE);
     for (int f = 0; f < fluents_; ++f) {
-        double* const row = of.frame.data() + (state_at_ + f) * lanes;
-        for (int k = 0; k < batch.apart; ++k)
-            row[k] = states[std::min(k, batch.states - 1) * stride + f];
-        for (int a = 1; a < batch.actions; ++a) std::copy_n(row, batch.apart, row + a * batch.apart);
+        double* const row = frame + (state_at_ + f) * lanes;
+        for (int k = 0; k < steps.apart; ++k)
+            row[k] = states[std::min(k, steps.states - 1) * stride + f];
+        for (int a = 1; a < steps.actions; ++a) std::copy_n(row, steps.apart, row + a * steps.apart);
     }
-    for (int a = 0; a < batch.actions; ++a)
-        run(entries_[ACTIONS + first + a], a * batch.apart, (a + 1) * batch.apart, of);
-    run(entries_[DRIFT], 0, of.used, of);
-    return batch;
+    const auto run = [&](std::uint32_t part, int from, int to) {
+        run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, from, to);
+    };
+    for (int a = 0; a < steps.actions; ++a)
+        run(entries_[ACTIONS + first + a], a * steps.apart, (a + 1) * steps.apart);
+    run(entries_[DRIFT], 0, used);
+    run(entries_[SETTLE], 0, used);
+    steps.flags = of.flags.data();
+    steps.numbers = frame + out_at_ * lanes;
+    steps.row = of.count, steps.lane = 1;
+    return steps;
 }
 
-Batch Program::fitting(int count, int first, int lanes) const {
+/// Returns how many states and actions there are lanes for. If more than a few states are left, every
+/// action has groups of its own.
+Steps Program::fitting(int count, int first, int lanes) const {
     const int actions = this->actions() - first, most = lanes / actions;
     if (first > 0 || most == 0) return {1, std::min(actions, lanes), 1};
-    if (most < GROUP || count < GROUP / 2) return {std::min(count, most), actions, std::min(count, most)};
-    // Every action has groups of its own.
-    const int states = std::min(count, most - most % GROUP);
-    return {states, actions, (states + GROUP - 1) / GROUP * GROUP};
-}
-
-void Program::settle(Lanes& of) const { run(entries_[SETTLE], 0, of.used, of); }
-
-void Program::run(std::uint32_t part, int first, int last, Lanes& of) const {
-    run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, first, last);
+    const int states = std::min(count, most < GROUP ? most : most - most % GROUP);
+    const bool padded = most >= GROUP && states >= GROUP / 2;
+    return {states, actions, padded ? (states + GROUP - 1) / GROUP * GROUP : states};
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,

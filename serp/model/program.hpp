@@ -6,7 +6,7 @@
 #include <initializer_list>
 #include <vector>
 
-#include "serp/model/flags.hpp"
+#include "serp/model/model.hpp"
 
 namespace serp {
 
@@ -59,17 +59,10 @@ enum Part : std::size_t {
 /// Memory for steps that are executed together, one in each lane. A row of the frame has a number of
 /// each lane.
 struct Lanes {
-    int count = 0;               ///< L; of the newest steps `used` ones
-    int used = 0;
-    std::vector<double> frame;   ///< [registers, L]
+    int count = 0;                     ///< L
+    std::vector<double> frame;         ///< [registers, L]
     std::vector<std::int64_t> resume;  ///< [L] where a lane goes on
-    std::vector<Flags> flags;    ///< [L]
-};
-
-/// Steps of consecutive actions from some states: action a, counted from the first, from state k is
-/// in lane a * apart + k.
-struct Batch {
-    int states, actions, apart;
+    std::vector<Flags> flags;          ///< [L]
 };
 
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
@@ -108,18 +101,11 @@ public:
     /// Events, goal and metric, applied to what `flow` wrote; `flags` are those that it returned.
     Flags settle(Flags flags, double* out, double* registers) const;
 
-    // The same in lanes, for many states and actions at once.
+    // `step` in lanes, for many states and actions at once. The same bits.
 
     void prepare(const double* theta, double dt, Lanes& of) const;
-    /// `flow` of the actions from `first` on, from the first of `count` states in rows of F + 1
-    /// numbers, as many as there are lanes for: of all actions where there is more than one state.
-    Batch flow(const double* states, int count, int first, Lanes& of) const;
-    /// `settle`, where what `flow` left is applicable.
-    void settle(Lanes& of) const;
-    /// Returns numbers of `out` [L]: next state and, at F, the reward.
-    const double* out(int fluent, const Lanes& of) const {
-        return of.frame.data() + static_cast<std::size_t>(out_at_ + fluent) * of.count;
-    }
+    /// As `Stepper::steps`; the model has actions.
+    Steps steps(const double* states, int count, int first, Lanes& of) const;
 
     // One step of its own.
 
@@ -130,8 +116,7 @@ public:
 
 private:
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;
-    Batch fitting(int count, int first, int lanes) const;
-    void run(std::uint32_t part, int first, int last, Lanes& of) const;
+    Steps fitting(int count, int first, int lanes) const;
     Flags finished(Flags flags, double* out, const double* frame) const;
 
     std::vector<Instruction> code_;

@@ -30,11 +30,8 @@ public:
     }
 
     Steps steps(const double* states, int count, int action) override {
-        const Program& program = *program_;
-        if (lanes_.count == 0) program.prepare(model_.theta().data(), model_.dt(), lanes_);
-        const Batch batch = program.flow(states, count, action, lanes_);
-        program.settle(lanes_);
-        return {batch.states, batch.actions, batch.apart, lanes_.flags.data(), program.out(0, lanes_), lanes_.count, 1};
+        if (lanes_.count == 0) program_->prepare(model_.theta().data(), model_.dt(), lanes_);
+        return program_->steps(states, count, action, lanes_);
     }
 
     int outcomes(int action, double* rows) override {
@@ -119,6 +116,36 @@ std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const Stat
     return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
 }
 
+/// Steps of all actions from states: next states and rewards [B, A, F + 1], and flags [B, A].
+std::pair<Array<double>, Array<Flags>> steps_of(const Model& model, const States& states) {
+    const size_t batch = states.shape(0), width = static_cast<size_t>(model.fluents());
+    const size_t actions = static_cast<size_t>(model.actions());
+    if (states.shape(1) != width)
+        throw std::invalid_argument("the shape of the states does not fit the model");
+    std::vector<double> rows(batch * (width + 1)), out(batch * actions * (width + 1));
+    for (size_t k = 0; k < batch; ++k)
+        std::copy_n(states.data() + k * width, width, rows.data() + k * (width + 1));
+    std::vector<Flags> flags(batch * actions);
+    const auto stepper = model.stepper();
+    size_t state = 0, action = 0;
+    while (state < batch && actions > 0) {
+        const Steps steps = stepper->steps(rows.data() + state * (width + 1),
+                                           static_cast<int>(batch - state), static_cast<int>(action));
+        for (int k = 0; k < steps.states; ++k)
+            for (int a = 0; a < steps.actions; ++a) {
+                const size_t to = (state + k) * actions + action + a;
+                const std::ptrdiff_t lane = a * steps.apart + k;
+                flags[to] = steps.flags[lane];
+                for (size_t f = 0; f <= width; ++f)
+                    out[to * (width + 1) + f] = steps.numbers[lane * steps.lane + f * steps.row];
+            }
+        action += steps.actions;
+        if (action == actions) action = 0, state += steps.states;
+    }
+    return {array_of(std::move(out), {batch, actions, width + 1}),
+            array_of(std::move(flags), {batch, actions})};
+}
+
 Array<double> outcomes_of(const Model& model, const State& state, std::int64_t action) {
     const size_t width = static_cast<size_t>(model.fluents()) + 3;
     std::vector<double> rows(OUTCOMES * width);
@@ -177,6 +204,8 @@ void bind_model(nb::module_& module) {
             "Return next state and reward [F + 1], and the flags.")
         .def("step_batch", &step_batch, nb::arg("states"), nb::arg("actions"),
              "Return next states and rewards [B, F + 1], and the flags [B].")
+        .def("steps", &steps_of, nb::arg("states"),
+             "Return next states and rewards [B, A, F + 1] of all actions, and the flags [B, A].")
         .def("outcomes", &outcomes_of, nb::arg("state"), nb::arg("action"),
              "Return the outcomes of a step: next state, reward, flags and probability [n, F + 3].")
         .def("uncertainty", &uncertainty_of, nb::arg("state"),

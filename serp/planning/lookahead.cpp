@@ -64,7 +64,7 @@ bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
             states = steps.states;
             for (int k = 0; k < states; ++k) {
                 for (int of = 0; of < steps.actions; ++of)
-                    follow(steps, k, of, node + k, action + of, depth, leaves, found);
+                    follow(steps, of * steps.apart + k, node + k, action + of, depth, leaves, found);
                 const bool complete = action + steps.actions == actions_;
                 if (complete && found.followed > rules_.max_edges && depth > 0) return false;
             }
@@ -75,15 +75,13 @@ bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
     return true;
 }
 
-/// Adds the edge of a node by an action, which is one of some steps.
-void Lookahead::follow(const Steps& steps, int state, int of, int node, int action, int depth,
+/// Adds the edge of a node by an action, whose step is in a lane.
+void Lookahead::follow(const Steps& steps, std::ptrdiff_t lane, int node, int action, int depth,
                        const CellValues* leaves, LookaheadForecast& found) {
     const bool last = depth + 1 == rules_.depth;
-    const std::ptrdiff_t step = steps.at(state, of);
-    const double* numbers = steps.of(step);
-    const Flags predicted = steps.flags[step];
-    const double risk = step_risk(predicted, rules_.accepted);
-    const Flags flags = marked(predicted, risk);
+    const double* numbers = steps.numbers + lane * steps.lane;
+    const double risk = step_risk(steps.flags[lane], rules_.accepted);
+    const Flags flags = marked(steps.flags[lane], risk);
     Edge& edge = edges_[static_cast<std::size_t>(node) * actions_ + action];
     edge = {numbers[width_ * steps.row], risk, -1, static_cast<std::uint8_t>(flags & BITS),
             static_cast<std::uint8_t>(rank_of(flags)), static_cast<std::uint16_t>(flags >> END_SHIFT)};

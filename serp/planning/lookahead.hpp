@@ -76,7 +76,7 @@ private:
     };
 
     bool expand(int start, int end, int depth, const CellValues* leaves, LookaheadForecast& found);
-    void follow(const Steps& steps, int state, int of, int node, int action, int depth,
+    void follow(const Steps& steps, std::ptrdiff_t lane, int node, int action, int depth,
                 const CellValues* leaves, LookaheadForecast& found);
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
