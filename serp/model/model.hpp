@@ -14,13 +14,13 @@ inline constexpr int OUTCOMES = 16;
 /// Uncertainty from which on nothing is known of a step: the data say less than the prior.
 inline constexpr double UNKNOWN = 0.5;
 
-/// Steps of consecutive actions from some states, see `Stepper::steps`. Action a, counted from the
-/// first, from state k is in lane a * apart + k.
+/// Steps of all actions from the first of some states, see `Stepper::steps`. That of an action from
+/// state k is in lane action * apart + k.
 struct Steps {
-    int states, actions, apart;
-    const Flags* flags = nullptr;     ///< [lanes]
-    const double* numbers = nullptr;  ///< next state [F] and reward
-    std::ptrdiff_t row = 1, lane = 1; ///< from a number to the next one of a step; of the next step
+    int states, apart;
+    const Flags* flags;         ///< [lanes]
+    const double* numbers;      ///< next state [F] and reward
+    std::ptrdiff_t row, lane;   ///< from a number to the next one of a step; to that of the next lane
 };
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.
@@ -36,10 +36,9 @@ public:
     /// must not overlap the state; the numbers mean nothing where the step is not applicable.
     virtual Flags step(int action, double* out) = 0;
 
-    /// Predicts steps as `step` does, of all actions from `action` on, or some, from the first of
-    /// `count` states, in rows of F + 1 numbers. Returns all actions where there is more than one
-    /// state. Valid until the next call.
-    virtual Steps steps(const double* states, int count, int action) = 0;
+    /// Predicts what `step` does for all actions and the first of `count` states, in rows of F + 1
+    /// numbers; at least for one. Valid until the next call.
+    virtual Steps steps(const double* states, int count) = 0;
 
     /// Predicts all outcomes of an applicable action. Writes rows of F + 3 numbers: next state,
     /// reward, flags and probability. Returns how many there are, at most OUTCOMES.
@@ -56,15 +55,15 @@ protected:
         return 1;
     }
 
-    /// `steps`, one by one.
-    Steps each_step(const double* state, int action, int actions, int fluents) {
-        const int count = actions - action, width = fluents + 1;
-        flags_.resize(count);
-        numbers_.resize(static_cast<std::size_t>(count) * width);
+    /// Predicts the steps from one state, one by one.
+    Steps each_step(const double* state, int actions, int fluents) {
+        const int width = fluents + 1;
+        flags_.resize(actions);
+        numbers_.resize(static_cast<std::size_t>(actions) * width);
         from(state);
-        for (int k = 0; k < count; ++k)
-            flags_[k] = step(action + k, numbers_.data() + static_cast<std::size_t>(k) * width);
-        return {1, count, 1, flags_.data(), numbers_.data(), 1, width};
+        for (int action = 0; action < actions; ++action)
+            flags_[action] = step(action, numbers_.data() + std::ptrdiff_t{action} * width);
+        return {1, 1, flags_.data(), numbers_.data(), 1, width};
     }
 
 private:

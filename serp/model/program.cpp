@@ -317,24 +317,19 @@ SERP_INLINE void Machine<MANY>::run(const Instruction* part, std::size_t repeats
     }
 }
 
-/// Executes a part for the lanes from `first` to `last` whose flags are APPLICABLE.
+/// Executes a part for `size` lanes, whole groups, as far as their flags are APPLICABLE.
 SERP_VECTOR_CODE
 void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, int fluents, int out_at,
-               Lanes& of, int first, int last) {
-    const int begin = first / GROUP * GROUP, end = (last + GROUP - 1) / GROUP * GROUP;
+               Lanes& of, std::size_t begin, std::size_t size) {
     std::int64_t* const resume = of.resume.data() + begin;
+    Flags* const flags = of.flags.data() + begin;
     Machine<true> machine{code, of.frame.data(), fluents, static_cast<std::size_t>(out_at),
-                          static_cast<std::size_t>(of.count), static_cast<std::size_t>(begin),
-                          static_cast<std::size_t>(end - begin), resume, of.flags.data() + begin};
-    const Flags* const flags = machine.flags;
+                          of.count, begin, size, resume, flags};
     machine.each([=](std::size_t k) { resume[k] = flags[k] & APPLICABLE ? 0 : NOWHERE; });
-    std::fill_n(resume, first - begin, NOWHERE);
-    std::fill(resume + (last - begin), resume + (end - begin), NOWHERE);
     machine.at = code + 1;
-    const std::int64_t waiting = machine.count([=](std::size_t k) { return resume[k] > 0; });
-    if (waiting == end - begin) return;
-    if (waiting > 0) machine.together = NOWHERE;
-    machine.run(code + part, length);
+    const auto active = machine.count([=](std::size_t k) { return resume[k] == 0; });
+    if (active < static_cast<std::int64_t>(size)) machine.together = NOWHERE;
+    if (active > 0) machine.run(code + part, length);
 }
 
 }  // namespace
@@ -393,53 +388,40 @@ Flags Program::settle(Flags flags, double* out, double* registers) const {
 }
 
 void Program::prepare(const double* theta, double dt, Lanes& of) const {
-    constexpr std::size_t BYTES = 1 << 16;  // the frame stays in the first cache of a processor
-    const std::size_t fitting = BYTES / sizeof(double) / registers() / GROUP * GROUP;
-    of.count = static_cast<int>(std::clamp<std::size_t>(fitting, GROUP, 128));
-    of.frame.assign(static_cast<std::size_t>(registers()) * of.count, 0.0);
-    of.resume.assign(of.count, 0);
-    of.flags.assign(of.count, 0);
+    constexpr std::size_t NEAR = 1 << 16, FAR = 1 << 19;  // bytes of the first and second cache
+    const std::size_t size = sizeof(double) * registers() * GROUP * actions();
+    of.states = 0;
+    if (size == 0 || size > FAR) return;
+    of.states = static_cast<int>(std::max<std::size_t>(1, NEAR / size)) * GROUP;
+    of.count = static_cast<std::size_t>(of.states) * actions();
+    of.resume.resize(of.count), of.flags.resize(of.count);
     std::vector<double> one(registers());
     prepare(theta, dt, one.data());
-    for (int k = 0; k < static_cast<int>(THETA) + parameters_; ++k)
-        std::fill_n(of.frame.data() + static_cast<std::size_t>(k) * of.count, of.count, one[k]);
+    of.frame.clear();
+    for (const double number : one) of.frame.insert(of.frame.end(), of.count, number);
 }
 
-Steps Program::steps(const double* states, int count, int first, Lanes& of) const {
-    const std::size_t lanes = of.count, stride = static_cast<std::size_t>(fluents_) + 1;
-    double* const frame = of.frame.data();
-    Steps steps = fitting(count, first, of.count);
-    const int used = steps.apart * steps.actions;
-    for (const std::uint32_t flag : {UNSAFE_SET, TERMINAL_SET})
-        std::fill_n(frame + flag * lanes, used, 0.0);
-    std::fill_n(of.flags.data(), used, APPLICABLE);
+Steps Program::steps(const double* states, int count, Lanes& of) const {
+    const std::size_t stride = static_cast<std::size_t>(fluents_) + 1;
+    const int some = std::min(count, of.states), apart = (some + GROUP - 1) / GROUP * GROUP;
+    const int lanes = apart * actions();
+    const auto row = [&](int place) { return of.frame.data() + place * of.count; };
+    std::fill_n(row(UNSAFE_SET), lanes, 0.0), std::fill_n(row(TERMINAL_SET), lanes, 0.0);
+    std::fill_n(of.flags.data(), lanes, APPLICABLE);
     for (int f = 0; f < fluents_; ++f) {
-        double* const row = frame + (state_at_ + f) * lanes;
-        for (int k = 0; k < steps.apart; ++k)
-            row[k] = states[std::min(k, steps.states - 1) * stride + f];
-        for (int a = 1; a < steps.actions; ++a) std::copy_n(row, steps.apart, row + a * steps.apart);
+        double* const its = row(state_at_ + f);
+        // Lanes that are left of a group repeat the last state.
+        for (int k = 0; k < apart; ++k) its[k] = states[std::min(k, some - 1) * stride + f];
+        for (int begin = apart; begin < lanes; begin += apart) std::copy_n(its, apart, its + begin);
     }
-    const auto run = [&](std::uint32_t part, int from, int to) {
-        run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, from, to);
+    const auto run = [&](std::uint32_t part, int begin, int size) {
+        run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, begin, size);
     };
-    for (int a = 0; a < steps.actions; ++a)
-        run(entries_[ACTIONS + first + a], a * steps.apart, (a + 1) * steps.apart);
-    run(entries_[DRIFT], 0, used);
-    run(entries_[SETTLE], 0, used);
-    steps.flags = of.flags.data();
-    steps.numbers = frame + out_at_ * lanes;
-    steps.row = of.count, steps.lane = 1;
-    return steps;
-}
-
-/// Returns how many states and actions there are lanes for. If more than a few states are left, every
-/// action has groups of its own.
-Steps Program::fitting(int count, int first, int lanes) const {
-    const int actions = this->actions() - first, most = lanes / actions;
-    if (first > 0 || most == 0) return {1, std::min(actions, lanes), 1};
-    const int states = std::min(count, most < GROUP ? most : most - most % GROUP);
-    const bool padded = most >= GROUP && states >= GROUP / 2;
-    return {states, actions, padded ? (states + GROUP - 1) / GROUP * GROUP : states};
+    for (int action = 0; action < actions(); ++action)
+        run(entries_[ACTIONS + action], action * apart, apart);
+    run(entries_[DRIFT], 0, lanes);
+    run(entries_[SETTLE], 0, lanes);
+    return {some, apart, of.flags.data(), row(out_at_), static_cast<std::ptrdiff_t>(of.count), 1};
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,

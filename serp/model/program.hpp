@@ -56,10 +56,14 @@ enum Part : std::size_t {
     ACTIONS     ///< [2A] preconditions and effects of actions, then what concerns reward and flags
 };
 
-/// Memory for steps that are executed together, one in each lane. A row of the frame has a number of
-/// each lane.
+/// Memory for steps that are executed together, one in each lane: those of all actions from S states,
+/// a multiple of the lanes of a vector register. A row of the frame has a number of each lane.
 struct Lanes {
-    int count = 0;                     ///< L
+    /// Fewer states do not pay.
+    static constexpr int FEW = 4;
+
+    int states = -1;                   ///< S; -1: not prepared; 0: too large for a cache, or no action
+    std::size_t count = 0;             ///< L = A * S
     std::vector<double> frame;         ///< [registers, L]
     std::vector<std::int64_t> resume;  ///< [L] where a lane goes on
     std::vector<Flags> flags;          ///< [L]
@@ -104,8 +108,8 @@ public:
     // `step` in lanes, for many states and actions at once. The same bits.
 
     void prepare(const double* theta, double dt, Lanes& of) const;
-    /// As `Stepper::steps`; the model has actions.
-    Steps steps(const double* states, int count, int first, Lanes& of) const;
+    /// See `Stepper::steps`.
+    Steps steps(const double* states, int count, Lanes& of) const;
 
     // One step of its own.
 
@@ -116,7 +120,6 @@ public:
 
 private:
     Flags run(double* frame, std::initializer_list<std::uint32_t> parts) const;
-    Steps fitting(int count, int first, int lanes) const;
     Flags finished(Flags flags, double* out, const double* frame) const;
 
     std::vector<Instruction> code_;

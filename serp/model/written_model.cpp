@@ -29,9 +29,12 @@ public:
         return program_->step(action, out, registers_.data());
     }
 
-    Steps steps(const double* states, int count, int action) override {
-        if (lanes_.count == 0) program_->prepare(model_.theta().data(), model_.dt(), lanes_);
-        return program_->steps(states, count, action, lanes_);
+    Steps steps(const double* states, int count) override {
+        if (count >= Lanes::FEW && lanes_.states < 0)
+            program_->prepare(model_.theta().data(), model_.dt(), lanes_);
+        if (count < Lanes::FEW || lanes_.states == 0)
+            return each_step(states, model_.actions(), model_.fluents());
+        return program_->steps(states, count, lanes_);
     }
 
     int outcomes(int action, double* rows) override {
@@ -127,20 +130,16 @@ std::pair<Array<double>, Array<Flags>> steps_of(const Model& model, const States
         std::copy_n(states.data() + k * width, width, rows.data() + k * (width + 1));
     std::vector<Flags> flags(batch * actions);
     const auto stepper = model.stepper();
-    size_t state = 0, action = 0;
-    while (state < batch && actions > 0) {
-        const Steps steps = stepper->steps(rows.data() + state * (width + 1),
-                                           static_cast<int>(batch - state), static_cast<int>(action));
-        for (int k = 0; k < steps.states; ++k)
-            for (int a = 0; a < steps.actions; ++a) {
-                const size_t to = (state + k) * actions + action + a;
-                const std::ptrdiff_t lane = a * steps.apart + k;
+    for (size_t state = 0; state < batch;) {
+        const Steps steps =
+            stepper->steps(rows.data() + state * (width + 1), static_cast<int>(batch - state));
+        for (int k = 0; k < steps.states; ++k, ++state)
+            for (size_t action = 0; action < actions; ++action) {
+                const size_t to = state * actions + action, lane = action * steps.apart + k;
                 flags[to] = steps.flags[lane];
                 for (size_t f = 0; f <= width; ++f)
                     out[to * (width + 1) + f] = steps.numbers[lane * steps.lane + f * steps.row];
             }
-        action += steps.actions;
-        if (action == actions) action = 0, state += steps.states;
     }
     return {array_of(std::move(out), {batch, actions, width + 1}),
             array_of(std::move(flags), {batch, actions})};

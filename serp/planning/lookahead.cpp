@@ -58,19 +58,12 @@ bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
     if (edges_.size() < edges) edges_.resize(edges);
     if (!last) table_.clear(std::max(1, most - end));
     for (int node = start; node < end;) {
-        int action = 0, states = 1;
-        while (action < actions_) {
-            const Steps steps = stepper_->steps(state_at(node), end - node, action);
-            states = steps.states;
-            for (int k = 0; k < states; ++k) {
-                for (int of = 0; of < steps.actions; ++of)
-                    follow(steps, of * steps.apart + k, node + k, action + of, depth, leaves, found);
-                const bool complete = action + steps.actions == actions_;
-                if (complete && found.followed > rules_.max_edges && depth > 0) return false;
-            }
-            action += steps.actions;
+        const Steps steps = stepper_->steps(state_at(node), end - node);
+        for (int k = 0; k < steps.states; ++k, ++node) {
+            for (int action = 0; action < actions_; ++action)
+                follow(steps, action * steps.apart + k, node, action, depth, leaves, found);
+            if (found.followed > rules_.max_edges && depth > 0) return false;
         }
-        node += states;
     }
     return true;
 }

@@ -246,8 +246,8 @@ public:
         return worth.ends ? ending(flags, worth.end) : flags;
     }
 
-    Steps steps(const double* states, int /*count*/, int action) override {
-        return each_step(states, action, model_.actions(), width_);
+    Steps steps(const double* states, int /*count*/) override {
+        return each_step(states, model_.actions(), width_);
     }
 
     /// Predicts a step as `step` does, but does not correct reward and end.
