@@ -18,9 +18,9 @@ inline constexpr double UNKNOWN = 0.5;
 /// state k is in lane action * apart + k.
 struct Steps {
     int states, apart;
-    const Flags* flags;         ///< [lanes]
-    const double* numbers;      ///< next state [F] and reward
-    std::ptrdiff_t row, lane;   ///< from a number to the next one of a step; to that of the next lane
+    const Flags* flags;        ///< [lanes]
+    const double* numbers;     ///< of the first lane: next state [F] and reward
+    std::ptrdiff_t row, lane;  ///< from a number to the next one of its lane; to that of the next lane
 };
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.

@@ -319,8 +319,8 @@ SERP_INLINE void Machine<MANY>::run(const Instruction* part, std::size_t repeats
 
 /// Executes a part for `size` lanes, whole groups, as far as their flags are APPLICABLE.
 SERP_VECTOR_CODE
-void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, int fluents, int out_at,
-               Lanes& of, std::size_t begin, std::size_t size) {
+void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, int fluents,
+               int out_at, Lanes& of, std::size_t begin, std::size_t size) {
     std::int64_t* const resume = of.resume.data() + begin;
     Flags* const flags = of.flags.data() + begin;
     Machine<true> machine{code, of.frame.data(), fluents, static_cast<std::size_t>(out_at),
@@ -337,10 +337,11 @@ void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, 
 /// Executes parts one after another, as long as they are applicable; returns the flags.
 Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
     Flags flags = APPLICABLE;
-    for (const std::uint32_t* part = parts.begin(); part != parts.end() && flags & APPLICABLE; ++part) {
+    for (const std::uint32_t part : parts) {
+        if (!(flags & APPLICABLE)) break;
         Machine<false> machine{code_.data(), frame, fluents_, static_cast<std::size_t>(out_at_)};
         machine.flags = &flags;
-        machine.run(code_.data() + *part, code_.size());
+        machine.run(code_.data() + part, code_.size());
     }
     return flags;
 }
@@ -387,18 +388,17 @@ Flags Program::settle(Flags flags, double* out, double* registers) const {
     return finished(run(registers, {entries_[SETTLE]}), out, registers);
 }
 
-void Program::prepare(const double* theta, double dt, Lanes& of) const {
+void Program::prepare(const double* registers, Lanes& of) const {
     constexpr std::size_t NEAR = 1 << 16, FAR = 1 << 19;  // bytes of the first and second cache
-    const std::size_t size = sizeof(double) * registers() * GROUP * actions();
+    const std::size_t size = sizeof(double) * this->registers() * GROUP * actions();
     of.states = 0;
     if (size == 0 || size > FAR) return;
     of.states = static_cast<int>(std::max<std::size_t>(1, NEAR / size)) * GROUP;
     of.count = static_cast<std::size_t>(of.states) * actions();
     of.resume.resize(of.count), of.flags.resize(of.count);
-    std::vector<double> one(registers());
-    prepare(theta, dt, one.data());
     of.frame.clear();
-    for (const double number : one) of.frame.insert(of.frame.end(), of.count, number);
+    for (int place = 0; place < this->registers(); ++place)
+        of.frame.insert(of.frame.end(), of.count, registers[place]);
 }
 
 Steps Program::steps(const double* states, int count, Lanes& of) const {

@@ -62,7 +62,7 @@ struct Lanes {
     /// Fewer states do not pay.
     static constexpr int FEW = 4;
 
-    int states = -1;                   ///< S; -1: not prepared; 0: too large for a cache, or no action
+    int states = -1;  ///< S; -1: not prepared; 0: no action, or too large for a cache
     std::size_t count = 0;             ///< L = A * S
     std::vector<double> frame;         ///< [registers, L]
     std::vector<std::int64_t> resume;  ///< [L] where a lane goes on
@@ -107,7 +107,8 @@ public:
 
     // `step` in lanes, for many states and actions at once. The same bits.
 
-    void prepare(const double* theta, double dt, Lanes& of) const;
+    /// Prepares lanes from scratch memory that is prepared.
+    void prepare(const double* registers, Lanes& of) const;
     /// See `Stepper::steps`.
     Steps steps(const double* states, int count, Lanes& of) const;
 

@@ -19,7 +19,7 @@ namespace {
 class WrittenStepper : public Stepper {
 public:
     explicit WrittenStepper(const WrittenModel& model)
-        : model_(model), program_(model.program()), registers_(program_->registers()) {
+        : program_(model.program()), registers_(program_->registers()) {
         program_->prepare(model.theta().data(), model.dt(), registers_.data());
     }
 
@@ -31,9 +31,9 @@ public:
 
     Steps steps(const double* states, int count) override {
         if (count >= Lanes::FEW && lanes_.states < 0)
-            program_->prepare(model_.theta().data(), model_.dt(), lanes_);
+            program_->prepare(registers_.data(), lanes_);
         if (count < Lanes::FEW || lanes_.states == 0)
-            return each_step(states, model_.actions(), model_.fluents());
+            return each_step(states, program_->actions(), program_->fluents());
         return program_->steps(states, count, lanes_);
     }
 
@@ -42,7 +42,6 @@ public:
     }
 
 private:
-    const WrittenModel& model_;
     const std::shared_ptr<const Program> program_;
     std::vector<double> registers_;
     Lanes lanes_;

@@ -77,7 +77,8 @@ void Lookahead::follow(const Steps& steps, std::ptrdiff_t lane, int node, int ac
     const Flags flags = marked(steps.flags[lane], risk);
     Edge& edge = edges_[static_cast<std::size_t>(node) * actions_ + action];
     edge = {numbers[width_ * steps.row], risk, -1, static_cast<std::uint8_t>(flags & BITS),
-            static_cast<std::uint8_t>(rank_of(flags)), static_cast<std::uint16_t>(flags >> END_SHIFT)};
+            static_cast<std::uint8_t>(rank_of(flags)),
+            static_cast<std::uint16_t>(flags >> END_SHIFT)};
     if (depth == 0) {
         found.first.reward[action] = edge.reward;
         found.first.flags[action] = flags;
