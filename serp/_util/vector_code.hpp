@@ -21,3 +21,12 @@
 #else
 #define SERP_INLINE inline
 #endif
+
+/// Before a loop whose rounds do not depend on each other.
+#if defined(__clang__)
+#define SERP_INDEPENDENT _Pragma("clang loop vectorize(assume_safety)")
+#elif defined(__GNUC__)
+#define SERP_INDEPENDENT _Pragma("GCC ivdep")
+#else
+#define SERP_INDEPENDENT
+#endif

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <memory>
+#include <vector>
 
 #include "serp/model/flags.hpp"
 
@@ -12,6 +14,15 @@ namespace serp {
 inline constexpr int OUTCOMES = 16;
 /// Uncertainty from which on nothing is known of a step: the data say less than the prior.
 inline constexpr double UNKNOWN = 0.5;
+
+/// Steps of all actions from the first of some states, see `Stepper::steps`. That of an action from
+/// state k is in lane action * apart + k.
+struct Steps {
+    int states, apart;
+    const Flags* flags;        ///< [lanes]
+    const double* numbers;     ///< of the first lane: next state [F] and reward
+    std::ptrdiff_t row, lane;  ///< from a number to the next one of its lane; to that of the next lane
+};
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.
 class Stepper {
@@ -25,6 +36,10 @@ public:
     /// Predicts the step of an action. Writes the next state and the reward to `out` [F + 1], which
     /// must not overlap the state; the numbers mean nothing where the step is not applicable.
     virtual Flags step(int action, double* out) = 0;
+
+    /// Predicts what `step` does for all actions and the first of `count` states, in rows of F + 1
+    /// numbers; at least for one. Valid until the next call.
+    virtual Steps steps(const double* states, int count) = 0;
 
     /// Predicts all outcomes of an applicable action. Writes rows of F + 3 numbers: next state,
     /// reward, flags and probability. Returns how many there are, at most OUTCOMES.
@@ -60,6 +75,21 @@ protected:
         rows[fluents + 2] = 1.0;
         return 1;
     }
+
+    /// Predicts the steps from one state, one by one.
+    Steps each_step(const double* state, int actions, int fluents) {
+        const int width = fluents + 1;
+        flags_.resize(actions);
+        numbers_.resize(static_cast<std::size_t>(actions) * width);
+        from(state);
+        for (int action = 0; action < actions; ++action)
+            flags_[action] = step(action, numbers_.data() + std::ptrdiff_t{action} * width);
+        return {1, 1, flags_.data(), numbers_.data(), 1, width};
+    }
+
+private:
+    std::vector<Flags> flags_;
+    std::vector<double> numbers_;
 };
 
 /// A transition model. What it has learned may change between decisions; steppers see the change.

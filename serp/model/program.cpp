@@ -10,6 +10,8 @@
 #include <string>
 #include <utility>
 
+#include "serp/_util/vector_code.hpp"
+
 namespace serp {
 
 namespace {
@@ -108,110 +110,257 @@ Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entri
     }
 }
 
-/// Executes parts one after another, as long as they are applicable; returns the flags.
-Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
-    const Instruction* const code = code_.data();
-    const std::uint32_t* part = parts.begin();
-    const Instruction* at = code + *part++;
-    size_t repeats = code_.size();
+namespace {
+
+/// Lanes of a group: as many as the widest registers take.
+constexpr int GROUP = 8;
+/// Where a lane goes on whose part is over.
+constexpr std::int64_t NOWHERE = std::numeric_limits<std::int64_t>::max();
+
+/// Executes a part: for the lanes of some groups, or (not MANY) in a frame of one lane.
+///
+/// Lanes share the place in the table. As all jumps but those of REPEAT lead further on, a lane that
+/// jumps where others do not has only to wait until these get there: it is active where its place in
+/// `resume` has been reached (masks as in Fung et al., "Dynamic Warp Formation", MICRO 2007).
+template <bool MANY>
+struct Machine {
+    const Instruction* const code;
+    double* const frame;
+    const int fluents;
+    const std::size_t out_at;
+    // Of many lanes: their number in the frame, the lanes of this part, and its results.
+    const std::size_t lanes = 1, begin = 0, size = 1;
+    std::int64_t* const resume = nullptr;  ///< as `flags`, it begins with the first of these
+    Flags* flags = nullptr;
+
+    const Instruction* at = nullptr;
+    /// From this place on all lanes are active.
+    std::int64_t together = 0;
+
+    SERP_INLINE double* row(std::size_t place) const { return frame + place * lanes + begin; }
+    SERP_INLINE std::int64_t here() const { return at - code - 1; }
+    SERP_INLINE bool all_active() const { return !MANY || together <= here(); }
+
+    /// Calls a function with each lane; it must not read what it wrote for other lanes.
+    template <class Function>
+    SERP_INLINE void each(Function function) const {
+        const std::size_t count = MANY ? size / GROUP * GROUP : 1;
+        SERP_INDEPENDENT
+        for (std::size_t k = 0; k < count; ++k) function(k);
+    }
+
+    /// Sets a row to the values of a function of lanes, where these are active.
+    template <class Value>
+    SERP_INLINE void set(std::size_t place, Value value) {
+        double* const target = row(place);
+        if (all_active()) {
+            each([=](std::size_t k) { target[k] = value(k); });
+        } else {
+            const std::int64_t now = here(), *const places = resume;
+            each([=](std::size_t k) {
+                const double number = value(k);
+                target[k] = places[k] <= now ? number : target[k];
+            });
+        }
+    }
+
+    template <class Function>
+    SERP_INLINE void unary(const Instruction& now, Function function) {
+        const double* const b = row(now.b);
+        set(now.a, [=](std::size_t k) { return function(b[k]); });
+    }
+
+    template <class Function>
+    SERP_INLINE void binary(const Instruction& now, Function function) {
+        const double *const b = row(now.b), *const c = row(now.c);
+        set(now.a, [=](std::size_t k) { return function(b[k], c[k]); });
+    }
+
+    /// Returns in how many active lanes a test holds.
+    template <class Test>
+    SERP_INLINE std::int64_t count(Test test) const {
+        std::int64_t sum = 0;
+        if (all_active()) {
+            each([&](std::size_t k) { sum += test(k) ? 1 : 0; });
+        } else {
+            const std::int64_t now = here(), *const places = resume;
+            each([&](std::size_t k) { sum += (places[k] <= now) & test(k) ? 1 : 0; });
+        }
+        return sum;
+    }
+
+    /// Lets the active lanes go on where a function says.
+    template <class Place>
+    SERP_INLINE void go_on(Place place) {
+        const std::int64_t now = here();
+        std::int64_t* const places = resume;
+        each([=](std::size_t k) { places[k] = places[k] <= now ? place(k) : places[k]; });
+    }
+
+    /// Returns the first place where a lane goes on.
+    SERP_INLINE std::int64_t first_place() const {
+        std::int64_t first = NOWHERE;
+        const std::int64_t* const places = resume;
+        each([&](std::size_t k) { first = places[k] < first ? places[k] : first; });
+        return first;
+    }
+
+    template <class Test>
+    SERP_INLINE void jump(const Instruction& now, Test test) {
+        const std::int64_t jumping = count(test), next = here() + 1, there = now.c;
+        if (jumping == static_cast<std::int64_t>(size)) {
+            at = code + there;
+        } else if (MANY && jumping > 0) {
+            go_on([=](std::size_t k) { return test(k) ? there : next; });
+            together = std::max(together, there);
+            at = code + std::max(next, first_place());
+        }
+    }
+
+    template <class Test>
+    SERP_INLINE void jump_where(const Instruction& now, Test test) {
+        const double* const a = row(now.a);
+        jump(now, [=](std::size_t k) { return test(a[k]); });
+    }
+
+    template <class Test>
+    SERP_INLINE void compare(const Instruction& now, Test test) {
+        const double *const a = row(now.a), *const b = row(now.b);
+        jump(now, [=](std::size_t k) { return test(a[k], b[k]); });
+    }
+
+    /// Ends the part for the active lanes; returns whether it is over for all.
+    SERP_INLINE bool finish(const Instruction& of) {
+        const Flags always = of.a, unsafe = of.b & UNSAFE, terminal = of.b & TERMINAL;
+        const double *const u = row(UNSAFE_SET), *const t = row(TERMINAL_SET);
+        const std::int64_t now = here(), *const places = resume;
+        Flags* const results = flags;
+        each([=](std::size_t k) {
+            const Flags its =
+                always | (u[k] != 0.0 ? unsafe : 0) | (t[k] != 0.0 ? terminal : 0);
+            results[k] = !MANY || places[k] <= now ? its : results[k];
+        });
+        if (all_active()) return true;
+        go_on([](std::size_t) { return NOWHERE; });
+        const std::int64_t first = first_place();
+        if (first != NOWHERE) at = code + first;
+        return first == NOWHERE;
+    }
+
+    SERP_INLINE void run(const Instruction* part, std::size_t repeats);
+};
+
+template <bool MANY>
+SERP_INLINE void Machine<MANY>::run(const Instruction* part, std::size_t repeats) {
+    const auto zero = [](std::size_t) { return 0.0; };
+    at = part;
     for (;;) {
         const Instruction& now = *at++;
         // The mask spares the compiler a check of the range.
         static_assert(static_cast<std::uint32_t>(Code::CODES) <= 32);
         switch (static_cast<Code>(now.code & 31)) {
-            case Code::RETURN: {
-                if ((now.a & APPLICABLE) && part != parts.end()) {
-                    at = code + *part++;
-                    break;
-                }
-                Flags flags = 0;
-                if (frame[UNSAFE_SET] != 0.0) flags |= UNSAFE;
-                if (frame[TERMINAL_SET] != 0.0) flags |= TERMINAL;
-                return now.a | (flags & now.b);
-            }
+            case Code::RETURN:
+                if (finish(now)) return;
+                break;
             case Code::COPY:
-                std::copy_n(frame + state_at_, fluents_, frame + out_at_);
-                frame[state_at_ - 1] = 0.0;
-                break;
-            case Code::CLEAR: std::fill(frame + now.a, frame + now.b + 1, 0.0); break;
-            case Code::MOVE: frame[now.a] = frame[now.b]; break;
-            case Code::ADD: frame[now.a] = frame[now.b] + frame[now.c]; break;
-            case Code::SUBTRACT: frame[now.a] = frame[now.b] - frame[now.c]; break;
-            case Code::MULTIPLY: frame[now.a] = frame[now.b] * frame[now.c]; break;
-            case Code::DIVIDE: {
-                const double divisor = frame[now.c];
-                frame[now.a] = divisor != 0.0 ? frame[now.b] / divisor : NOT_A_NUMBER;
-                break;
-            }
-            case Code::MIN: {
-                const double one = frame[now.b], other = frame[now.c];
-                frame[now.a] = one < other || one != one ? one : other;
-                break;
-            }
-            case Code::MAX: {
-                const double one = frame[now.b], other = frame[now.c];
-                frame[now.a] = one > other || one != one ? one : other;
-                break;
-            }
-            case Code::ATAN2: frame[now.a] = std::atan2(frame[now.b], frame[now.c]); break;
-            case Code::NEGATE: frame[now.a] = -frame[now.b]; break;
-            case Code::ABS: {
-                const double operand = frame[now.b];
-                frame[now.a] = operand > 0.0 ? operand : 0.0 - operand;
-                break;
-            }
-            case Code::SQRT: {
-                const double operand = frame[now.b];
-                frame[now.a] = operand >= 0.0 ? std::sqrt(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::SIN: {
-                const double operand = frame[now.b];
-                frame[now.a] = is_number(operand) ? std::sin(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::COS: {
-                const double operand = frame[now.b];
-                frame[now.a] = is_number(operand) ? std::cos(operand) : NOT_A_NUMBER;
-                break;
-            }
-            case Code::JUMP: at = code + now.c; break;
-            case Code::JUMP_IF:
-                if (frame[now.a] != 0.0) at = code + now.c;
-                break;
-            case Code::JUMP_UNLESS:
-                if (frame[now.a] == 0.0) at = code + now.c;
-                break;
-            case Code::IF_LESS:
-                if (frame[now.a] < frame[now.b]) at = code + now.c;
-                break;
-            case Code::IF_LESS_OR_EQUAL:
-                if (frame[now.a] <= frame[now.b]) at = code + now.c;
-                break;
-            case Code::IF_EQUAL:
-                if (frame[now.a] == frame[now.b]) at = code + now.c;
-                break;
-            case Code::UNLESS_LESS:
-                if (!(frame[now.a] < frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_LESS_OR_EQUAL:
-                if (!(frame[now.a] <= frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_EQUAL:
-                if (!(frame[now.a] == frame[now.b])) at = code + now.c;
-                break;
-            case Code::UNLESS_FINITE:
-                if (!is_number(frame[now.a])) at = code + now.c;
-                break;
-            case Code::REPEAT:
-                if (frame[now.a] != 0.0 && repeats > 0) {
-                    --repeats;
-                    at = code + now.c;
+                for (int f = 0; f < fluents; ++f) {
+                    const double* const state = row(out_at + fluents + 1 + f);
+                    set(out_at + f, [=](std::size_t k) { return state[k]; });
                 }
+                set(out_at + fluents, zero);
                 break;
-            case Code::CODES: return UNDEFINED;
+            case Code::CLEAR:
+                for (std::size_t of = now.a; of <= now.b; ++of) set(of, zero);
+                break;
+            case Code::MOVE: unary(now, [](double b) { return b; }); break;
+            case Code::ADD: binary(now, [](double b, double c) { return b + c; }); break;
+            case Code::SUBTRACT: binary(now, [](double b, double c) { return b - c; }); break;
+            case Code::MULTIPLY: binary(now, [](double b, double c) { return b * c; }); break;
+            case Code::DIVIDE:
+                binary(now, [](double b, double c) {
+                    const double quotient = b / c;
+                    return c != 0.0 ? quotient : NOT_A_NUMBER;
+                });
+                break;
+            case Code::MIN:
+                binary(now, [](double b, double c) { return b < c || b != b ? b : c; });
+                break;
+            case Code::MAX:
+                binary(now, [](double b, double c) { return b > c || b != b ? b : c; });
+                break;
+            case Code::ATAN2:
+                binary(now, [](double b, double c) { return std::atan2(b, c); });
+                break;
+            case Code::NEGATE: unary(now, [](double b) { return -b; }); break;
+            case Code::ABS: unary(now, [](double b) { return b > 0.0 ? b : 0.0 - b; }); break;
+            case Code::SQRT:
+                unary(now, [](double b) { return b >= 0.0 ? std::sqrt(b) : NOT_A_NUMBER; });
+                break;
+            case Code::SIN:
+                unary(now, [](double b) { return is_number(b) ? std::sin(b) : NOT_A_NUMBER; });
+                break;
+            case Code::COS:
+                unary(now, [](double b) { return is_number(b) ? std::cos(b) : NOT_A_NUMBER; });
+                break;
+            case Code::JUMP: jump(now, [](std::size_t) { return true; }); break;
+            case Code::JUMP_IF: jump_where(now, [](double a) { return a != 0.0; }); break;
+            case Code::JUMP_UNLESS: jump_where(now, [](double a) { return a == 0.0; }); break;
+            case Code::UNLESS_FINITE:
+                jump_where(now, [](double a) { return !is_number(a); });
+                break;
+            case Code::IF_LESS: compare(now, [](double a, double b) { return a < b; }); break;
+            case Code::IF_LESS_OR_EQUAL: compare(now, [](double a, double b) { return a <= b; }); break;
+            case Code::IF_EQUAL: compare(now, [](double a, double b) { return a == b; }); break;
+            case Code::UNLESS_LESS: compare(now, [](double a, double b) { return !(a < b); }); break;
+            case Code::UNLESS_LESS_OR_EQUAL:
+                compare(now, [](double a, double b) { return !(a <= b); });
+                break;
+            case Code::UNLESS_EQUAL: compare(now, [](double a, double b) { return !(a == b); }); break;
+            case Code::REPEAT: {
+                const double* const a = row(now.a);
+                const auto again = [=](std::size_t k) { return a[k] != 0.0; };
+                if (repeats == 0 || count(again) == 0) break;
+                if constexpr (MANY) {
+                    const std::int64_t next = here() + 1, back = now.c;
+                    go_on([=](std::size_t k) { return again(k) ? back : next; });
+                    together = std::max(together, next);
+                }
+                --repeats;
+                at = code + now.c;
+                break;
+            }
+            case Code::CODES: return;
         }
     }
+}
+
+/// Executes a part for `size` lanes, whole groups, as far as their flags are APPLICABLE.
+SERP_VECTOR_CODE
+void run_lanes(const Instruction* code, std::size_t length, std::uint32_t part, int fluents,
+               int out_at, Lanes& of, std::size_t begin, std::size_t size) {
+    std::int64_t* const resume = of.resume.data() + begin;
+    Flags* const flags = of.flags.data() + begin;
+    Machine<true> machine{code, of.frame.data(), fluents, static_cast<std::size_t>(out_at),
+                          of.count, begin, size, resume, flags};
+    machine.each([=](std::size_t k) { resume[k] = flags[k] & APPLICABLE ? 0 : NOWHERE; });
+    machine.at = code + 1;
+    const auto active = machine.count([=](std::size_t k) { return resume[k] == 0; });
+    if (active < static_cast<std::int64_t>(size)) machine.together = NOWHERE;
+    if (active > 0) machine.run(code + part, length);
+}
+
+}  // namespace
+
+/// Executes parts one after another, as long as they are applicable; returns the flags.
+Flags Program::run(double* frame, std::initializer_list<std::uint32_t> parts) const {
+    Flags flags = APPLICABLE;
+    for (const std::uint32_t part : parts) {
+        if (!(flags & APPLICABLE)) break;
+        Machine<false> machine{code_.data(), frame, fluents_, static_cast<std::size_t>(out_at_)};
+        machine.flags = &flags;
+        machine.run(code_.data() + part, code_.size());
+    }
+    return flags;
 }
 
 void Program::prepare(const double* theta, double dt, double* registers) const {
@@ -254,6 +403,42 @@ Flags Program::settle(Flags flags, double* out, double* registers) const {
     registers[TERMINAL_SET] = flags & TERMINAL ? 1.0 : 0.0;
     std::copy_n(out, fluents_ + 1, registers + out_at_);
     return finished(run(registers, {entries_[SETTLE]}), out, registers);
+}
+
+void Program::prepare(const double* registers, Lanes& of) const {
+    constexpr std::size_t NEAR = 1 << 16, FAR = 1 << 19;  // bytes of the first and second cache
+    const std::size_t size = sizeof(double) * this->registers() * GROUP * actions();
+    of.states = 0;
+    if (size == 0 || size > FAR) return;
+    of.states = static_cast<int>(std::max<std::size_t>(1, NEAR / size)) * GROUP;
+    of.count = static_cast<std::size_t>(of.states) * actions();
+    of.resume.resize(of.count), of.flags.resize(of.count);
+    of.frame.clear();
+    for (int place = 0; place < this->registers(); ++place)
+        of.frame.insert(of.frame.end(), of.count, registers[place]);
+}
+
+Steps Program::steps(const double* states, int count, Lanes& of) const {
+    const std::size_t stride = static_cast<std::size_t>(fluents_) + 1;
+    const int some = std::min(count, of.states), apart = (some + GROUP - 1) / GROUP * GROUP;
+    const int lanes = apart * actions();
+    const auto row = [&](int place) { return of.frame.data() + place * of.count; };
+    std::fill_n(row(UNSAFE_SET), lanes, 0.0), std::fill_n(row(TERMINAL_SET), lanes, 0.0);
+    std::fill_n(of.flags.data(), lanes, APPLICABLE);
+    for (int f = 0; f < fluents_; ++f) {
+        double* const its = row(state_at_ + f);
+        // Lanes that are left of a group repeat the last state.
+        for (int k = 0; k < apart; ++k) its[k] = states[std::min(k, some - 1) * stride + f];
+        for (int begin = apart; begin < lanes; begin += apart) std::copy_n(its, apart, its + begin);
+    }
+    const auto run = [&](std::uint32_t part, int begin, int size) {
+        run_lanes(code_.data(), code_.size(), part, fluents_, out_at_, of, begin, size);
+    };
+    for (int action = 0; action < actions(); ++action)
+        run(entries_[ACTIONS + action], action * apart, apart);
+    run(entries_[DRIFT], 0, lanes);
+    run(entries_[SETTLE], 0, lanes);
+    return {some, apart, of.flags.data(), row(out_at_), static_cast<std::ptrdiff_t>(of.count), 1};
 }
 
 Flags Program::judge(const double* state, int action, const double* next_state, const double* theta,

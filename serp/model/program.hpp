@@ -7,7 +7,7 @@
 #include <initializer_list>
 #include <vector>
 
-#include "serp/model/flags.hpp"
+#include "serp/model/model.hpp"
 
 namespace serp {
 
@@ -56,6 +56,19 @@ enum Part : std::size_t {
     AFTERMATH,  ///< rewards of processes, then as SETTLE, of an observed state
     ACTIONS     ///< [2(A + O)] preconditions and effects of actions, then of all their outcomes but
                 ///< the likeliest; then what of these concerns reward and flags
+};
+
+/// Memory for steps that are executed together, one in each lane: those of all actions from S states,
+/// a multiple of the lanes of a vector register. A row of the frame has a number of each lane.
+struct Lanes {
+    /// Fewer states do not pay.
+    static constexpr int FEW = 4;
+
+    int states = -1;  ///< S; -1: not prepared; 0: no action, or too large for a cache
+    std::size_t count = 0;             ///< L = A * S
+    std::vector<double> frame;         ///< [registers, L]
+    std::vector<std::int64_t> resume;  ///< [L] where a lane goes on
+    std::vector<Flags> flags;          ///< [L]
 };
 
 /// The compiled file, as written: a pure function of state, action, parameters and control period.
@@ -110,6 +123,13 @@ public:
     Flags flow(int action, double* out, double* registers) const;
     /// Events, goal and metric, applied to what `flow` wrote; `flags` are those that it returned.
     Flags settle(Flags flags, double* out, double* registers) const;
+
+    // `step` in lanes, for many states and actions at once. The same bits.
+
+    /// Prepares lanes from scratch memory that is prepared.
+    void prepare(const double* registers, Lanes& of) const;
+    /// See `Stepper::steps`.
+    Steps steps(const double* states, int count, Lanes& of) const;
 
     // One step of its own.
 

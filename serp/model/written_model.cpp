@@ -39,6 +39,16 @@ public:
         return joint(rows_.data(), count, fluents, certain, out);
     }
 
+    Steps steps(const double* states, int count) override {
+        if (program_->branches())
+            return each_step(states, program_->actions(), program_->fluents());
+        if (count >= Lanes::FEW && lanes_.states < 0)
+            program_->prepare(registers_.data(), lanes_);
+        if (count < Lanes::FEW || lanes_.states == 0)
+            return each_step(states, program_->actions(), program_->fluents());
+        return program_->steps(states, count, lanes_);
+    }
+
     int outcomes(int action, double* rows) override {
         const int fluents = program_->fluents(), row = fluents + 3;
         if (program_->outcomes(action) == 1) return only_outcome(action, rows, fluents);
@@ -60,6 +70,7 @@ public:
 private:
     const std::shared_ptr<const Program> program_;
     std::vector<double> registers_, rows_;
+    Lanes lanes_;
 };
 
 }  // namespace
@@ -155,6 +166,32 @@ std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const Stat
     return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
 }
 
+/// Steps of all actions from states: next states and rewards [B, A, F + 1], and flags [B, A].
+std::pair<Array<double>, Array<Flags>> steps_of(const Model& model, const States& states) {
+    const size_t batch = states.shape(0), width = static_cast<size_t>(model.fluents());
+    const size_t actions = static_cast<size_t>(model.actions());
+    if (states.shape(1) != width)
+        throw std::invalid_argument("the shape of the states does not fit the model");
+    std::vector<double> rows(batch * (width + 1)), out(batch * actions * (width + 1));
+    for (size_t k = 0; k < batch; ++k)
+        std::copy_n(states.data() + k * width, width, rows.data() + k * (width + 1));
+    std::vector<Flags> flags(batch * actions);
+    const auto stepper = model.stepper();
+    for (size_t state = 0; state < batch;) {
+        const Steps steps =
+            stepper->steps(rows.data() + state * (width + 1), static_cast<int>(batch - state));
+        for (int k = 0; k < steps.states; ++k, ++state)
+            for (size_t action = 0; action < actions; ++action) {
+                const size_t to = state * actions + action, lane = action * steps.apart + k;
+                flags[to] = steps.flags[lane];
+                for (size_t f = 0; f <= width; ++f)
+                    out[to * (width + 1) + f] = steps.numbers[lane * steps.lane + f * steps.row];
+            }
+    }
+    return {array_of(std::move(out), {batch, actions, width + 1}),
+            array_of(std::move(flags), {batch, actions})};
+}
+
 Array<double> outcomes_of(const Model& model, const State& state, std::int64_t action) {
     const size_t width = static_cast<size_t>(model.fluents()) + 3;
     std::vector<double> rows(OUTCOMES * width);
@@ -233,6 +270,8 @@ void bind_model(nb::module_& module) {
             "Return next state and reward [F + 1], and the flags.")
         .def("step_batch", &step_batch, nb::arg("states"), nb::arg("actions"),
              "Return next states and rewards [B, F + 1], and the flags [B].")
+        .def("steps", &steps_of, nb::arg("states"),
+             "Return next states and rewards [B, A, F + 1] of all actions, and the flags [B, A].")
         .def("outcomes", &outcomes_of, nb::arg("state"), nb::arg("action"),
              "Return the outcomes of a step: next state, reward, flags and probability [n, F + 3].")
         .def("uncertainty", &uncertainty_of, nb::arg("state"),

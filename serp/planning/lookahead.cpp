@@ -57,33 +57,42 @@ bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
     const std::size_t edges = static_cast<std::size_t>(end) * actions_;
     if (edges_.size() < edges) edges_.resize(edges);
     if (!last) table_.clear(std::max(1, most - end));
-    for (int node = start; node < end; ++node) {
-        stepper_->from(state_at(node));
-        Edge* edge = edges_.data() + static_cast<std::size_t>(node) * actions_;
-        for (int action = 0; action < actions_; ++action, ++edge) {
-            const int position = std::min(stored_, rules_.max_nodes);
-            double* out = state_at(position);
-            const Flags predicted = stepper_->step(action, out);
-            const double risk = step_risk(predicted, rules_.accepted);
-            const Flags flags = marked(predicted, risk);
-            *edge = {out[width_], risk, -1, static_cast<std::uint8_t>(flags & BITS),
-                     static_cast<std::uint8_t>(rank_of(flags)),
-                     static_cast<std::uint16_t>(flags >> END_SHIFT)};
-            if (depth == 0) {
-                found.first.reward[action] = edge->reward;
-                found.first.flags[action] = flags;
-            }
-            if (!(flags & APPLICABLE)) continue;
-            ++found.followed;
-            if (flags & TERMINAL) continue;
-            if (!last)
-                edge->child = child_of(position);
-            else if (leaves)
-                edge->reward += rules_.discount * going_on(flags) * leaves->at(out);
+    for (int node = start; node < end;) {
+        const Steps steps = stepper_->steps(state_at(node), end - node);
+        for (int k = 0; k < steps.states; ++k, ++node) {
+            for (int action = 0; action < actions_; ++action)
+                follow(steps, action * steps.apart + k, node, action, depth, leaves, found);
+            if (found.followed > rules_.max_edges && depth > 0) return false;
         }
-        if (found.followed > rules_.max_edges && depth > 0) return false;
     }
     return true;
+}
+
+/// Adds the edge of a node by an action, whose step is in a lane.
+void Lookahead::follow(const Steps& steps, std::ptrdiff_t lane, int node, int action, int depth,
+                       const CellValues* leaves, LookaheadForecast& found) {
+    const bool last = depth + 1 == rules_.depth;
+    const double* numbers = steps.numbers + lane * steps.lane;
+    const double risk = step_risk(steps.flags[lane], rules_.accepted);
+    const Flags flags = marked(steps.flags[lane], risk);
+    Edge& edge = edges_[static_cast<std::size_t>(node) * actions_ + action];
+    edge = {numbers[width_ * steps.row], risk, -1, static_cast<std::uint8_t>(flags & BITS),
+            static_cast<std::uint8_t>(rank_of(flags)),
+            static_cast<std::uint16_t>(flags >> END_SHIFT)};
+    if (depth == 0) {
+        found.first.reward[action] = edge.reward;
+        found.first.flags[action] = flags;
+    }
+    if (!(flags & APPLICABLE)) return;
+    ++found.followed;
+    if (flags & TERMINAL || (last && !leaves)) return;
+    const int position = std::min(stored_, rules_.max_nodes);
+    double* out = state_at(position);
+    for (int f = 0; f < width_; ++f) out[f] = numbers[f * steps.row];
+    if (!last)
+        edge.child = child_of(position);
+    else
+        edge.reward += rules_.discount * going_on(flags) * leaves->at(out);
 }
 
 /// Returns the node of the next layer with the state at a position, behind all nodes. It is a new one

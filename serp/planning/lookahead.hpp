@@ -76,6 +76,8 @@ private:
     };
 
     bool expand(int start, int end, int depth, const CellValues* leaves, LookaheadForecast& found);
+    void follow(const Steps& steps, std::ptrdiff_t lane, int node, int action, int depth,
+                const CellValues* leaves, LookaheadForecast& found);
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
     bool safe_path_from(const double* state, int depth, std::int64_t& followed);

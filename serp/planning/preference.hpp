@@ -14,7 +14,9 @@ inline constexpr std::int64_t SAFE = std::int64_t{1} << 30;
 /// Returns the risk of one step; 0 where it is accepted.
 inline double step_risk(Flags flags, double accepted) {
     if (flags & UNSAFE) return 1.0;
-    const double risk = risk_units(flags) * RISK_UNIT;
+    const Flags units = risk_units(flags);
+    if (units == 0) return 0.0;
+    const double risk = units * RISK_UNIT;
     return risk > accepted ? risk : 0.0;
 }
 

@@ -84,7 +84,8 @@ class PlanningGraph:
         count, width = len(self.model.actions), len(self.model.fluents)
         states = np.array([self.states[node] for node in nodes]).reshape(len(nodes), width)
         sources, actions = np.repeat(nodes, count), np.tile(np.arange(count), len(nodes))
-        out, flags = self.model.core.step_batch(np.repeat(states, count, axis=0), actions)
+        out, flags = self.model.core.steps(states)
+        out, flags = out.reshape(-1, width + 1), flags.ravel()
         for k in np.flatnonzero(flags & APPLICABLE).tolist():
             *state, reward = out[k].tolist()
             self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]), layer,

@@ -260,6 +260,10 @@ public:
         return worth.ends ? ending(flags, worth.end) : flags;
     }
 
+    Steps steps(const double* states, int /*count*/) override {
+        return each_step(states, model_.actions(), width_);
+    }
+
     /// Predicts a step as `step` does, but does not correct reward and end.
     Flags unweighed(int action, double* out) {
         const bool revised = model_.revised(), known = revised || model_.flagging();

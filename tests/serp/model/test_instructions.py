@@ -72,6 +72,34 @@ def test_a_batch_is_what_its_rows_are(seed):
         assert model.step(rows, 0).state.tobytes() == model.step(states, 0).state.tobytes()
 
 
+def check_lanes(core, states):
+    out, flags = core.steps(states)
+    assert flags.shape == (len(states), core.actions)
+    for place in np.ndindex(flags.shape):
+        row, single = core.step(states[place[0]], place[1])
+        assert single == flags[place]
+        assert not single & APPLICABLE or row.tobytes() == out[place].tobytes()
+
+
+@examples(60)
+@given(models_with_states(FULL, count=70), st.integers(1, 70), st.sampled_from((1.0, 1.5)))
+def test_steps_in_lanes_have_the_bits_of_single_ones(drawn, count, factor):
+    """Blocks that are full and not, and states for which conditions differ or are undefined."""
+    model = drawn[0].model.replace(theta=drawn[0].model.theta * factor)
+    check_lanes(model.core, drawn[1][:count])
+
+
+def test_more_actions_than_there_are_lanes_for():
+    objects = " ".join(f"o{k}" for k in range(17))
+    actions = f"""(define (domain many) (:requirements :typing :numeric-fluents) (:types thing)
+        (:constants {objects} - thing) (:predicates (held ?a - thing)) (:functions (sum))
+        (:action join :parameters (?a - thing ?b - thing) :precondition (not (held ?a))
+         :effect (and (held ?b) (increase (sum) (/ 1.0 (sum))))))"""
+    model = load_texts(Texts(actions, None)).model
+    assert len(model.actions) == 17 * 17
+    check_lanes(model.core, random_states(Random(0), model, 9))
+
+
 def test_a_goal_is_reached_where_a_step_that_changes_nothing_ends():
     checked = 0
     for seed in range(120):
@@ -160,6 +188,7 @@ def test_a_forged_table_that_is_accepted_can_be_executed(table):
             state = np.array([random.choice((0.0, 1.0, 2.5)) for _ in range(sizes[0])])
             model.step(state, action)
             model.judge(state, action, state)
+        model.steps(np.array([state] * 9))
     assert accepted > 100
 
 
@@ -175,6 +204,7 @@ def test_wrong_arguments_are_refused():
             lambda: core.outcomes(np.zeros(size), 0),  # noqa: B023
             lambda: core.uncertainty(np.zeros(size)),  # noqa: B023
             lambda: core.step_batch(np.zeros((2, size)), np.zeros(2, dtype=np.int64)),  # noqa: B023
+            lambda: core.steps(np.zeros((2, size))),  # noqa: B023
         ):
             with pytest.raises(ValueError, match="state"):
                 call()
