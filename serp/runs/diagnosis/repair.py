@@ -1,18 +1,20 @@
 """Repair of a domain file by the findings of a run.
 
-Parameters are changed in place, and missing effects are added to their action or as a process, each
-with its evidence as a comment. Every other byte of the file is kept. Rewards, unsafe and terminal
-are only commented on. `serp.runs.diagnosis.accuracy` decides which findings are written.
+Parameters are changed in place, missing effects are added to their action or as a process, and what
+was seen to happen by chance becomes `(probabilistic ...)`, each with its evidence as a comment.
+Every other byte of the file is kept. Rewards, unsafe and terminal are only commented on.
+`serp.runs.diagnosis.accuracy` decides which findings are written.
 """
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from serp._util.text import measured
+from serp._util.text import measured, plain
 from serp.model.domain import Domain
 from serp.pddl import syntax as x
 from serp.pddl.reader import Group, Word, read_group
@@ -36,6 +38,7 @@ from serp.runs.diagnosis.findings import (
     symbol_of,
 )
 
+CHANCE = ":probabilistic-effects"
 _ASCII = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
 
 
@@ -58,8 +61,9 @@ class Repaired:
 def repair(domain: Domain, findings: Findings) -> Repaired:
     """Return the domain file with findings written into it.
 
-    Parameters are changed and missing effects are added; findings on stochastic effects, rewards
-    and ends become comments. The result has been parsed and instantiated.
+    Parameters are changed, missing and stochastic effects are added; findings on rewards and ends
+    become comments, and so do stochastic effects that the action cannot name. The result has been
+    parsed and instantiated.
 
     Raises:
         DomainError: The repaired file and the problem would not be valid.
@@ -106,12 +110,81 @@ class _Writer:
         edits = [edit for finding in findings.parameters for edit in self._number(finding)]
         edits += self._additions()
         observed: list[RuleFinding | StochasticEffect] = [*findings.rules, *findings.stochastic]
+        chance_named = False
         for finding in observed:
             if finding.place is not None and finding.place.source is source:
                 self.changes.append(finding.place.line)
+                if isinstance(finding, StochasticEffect) and (found := self._chance(finding)):
+                    edits += found
+                    chance_named = True
+                    continue
                 observation = finding.observation(self._domain.model.ground)
                 edits.append(self._comment_above(finding.place, f"Observed: {observation}."))
+        listed = next((g for g in self._groups if g.head == ":requirements"), None)
+        if chance_named and listed and CHANCE not in self._syntax.requirements:
+            edits.append(Edit(listed.place.end - 1, listed.place.end - 1, f" {CHANCE}"))
         return edits
+
+    def _chance(self, finding: StochasticEffect) -> list[Edit]:
+        """Return the edits that make some effects of an action one of several outcomes.
+
+        There are none where an outcome is not a matter of the action's own parameters, or where
+        the effects are changed otherwise, too.
+        """
+        schema = next(s for s in self._syntax.schemas if s.place == finding.place)
+        symbols = finding.symbols
+        own = [effect for effect in schema.effects if _targets(effect) & symbols]
+        edited = {(f.place.source, f.place.start) for f in self._findings.parameters}
+        written = sum(outcome.probability for outcome in finding.outcomes if outcome.written)
+        outcomes = self._outcomes(finding, {parameter.name for parameter in schema.parameters})
+        if (
+            outcomes is None
+            or not own
+            or not all(_targets(effect) <= symbols for effect in own)
+            or any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects))
+            or any(e.place.start <= at < e.place.end for e in own for _, at in edited)
+            or schema.name in {missing.schema for missing in self._findings.missing}
+        ):
+            return []
+        rest = 1.0 - sum(float(share) for share, _ in outcomes)
+        if len(outcomes) < sum(not outcome.written for outcome in finding.outcomes):
+            rest = min(rest, written)  # with what is left, nothing happens
+        first = _share(rest + 1e-9, 0.0)
+        if float(first) <= 0.0 or written <= 0.0:
+            return []
+        text, line = self._text, self._newline
+        base = indent_at(text, own[0].place.start)
+        indent = base + "  "
+        evidence = self._comment(finding.observation(self._domain.model.ground), indent)
+        kept = " ".join(effect.place.text for effect in own)
+        kept = f"(and {kept})" if len(own) > 1 else kept
+        others = "".join(f"{line}{indent}{share} {effect}" for share, effect in outcomes)
+        chance = f"(probabilistic{line}{evidence}{indent}{first} {kept}{others})"
+        edits = [Edit(own[0].place.start, own[0].place.end, chance)]
+        for effect in own[1:]:
+            start = len(text[: effect.place.start].rstrip())
+            edits.append(Edit(start, effect.place.end, ""))
+        return edits
+
+    def _outcomes(self, finding: StochasticEffect, known: set[str]) -> list[tuple[str, str]] | None:
+        """Return share and effect of each outcome that the file does not have; None for others."""
+        outcomes = []
+        for outcome in finding.outcomes:
+            if outcome.written or not outcome.changes:
+                continue
+            effects = []
+            for name, change in outcome.changes:
+                symbol, *terms = name.split()
+                if not known.issuperset(terms) or outcome.like:
+                    return None
+                if self._syntax.declarations[symbol].numeric:
+                    word = "increase" if change > 0 else "decrease"
+                    effects.append(f"({word} ({name}) {plain(abs(change))})")
+                else:
+                    effects.append(f"({name})" if change > 0 else f"(not ({name}))")
+            shown = effects[0] if len(effects) == 1 else f"(and {' '.join(effects)})"
+            outcomes.append((_share(outcome.probability, outcome.error), shown))
+        return outcomes
 
     def _number(self, finding: ParameterFinding) -> list[Edit]:
         """Return the edits that write a parameter below its evidence."""
@@ -263,6 +336,22 @@ class _Writer:
             f"{self._newline}{self._comment(evidence, indent)}{indent}{effect}"
             for evidence, effect in effects
         )
+
+
+def _targets(effect: x.Effect) -> set[str]:
+    """Return the predicates and functions that an effect changes."""
+    changed = x.nodes_in(effect)
+    return {
+        node.atom.name if isinstance(node, x.SetPredicate) else node.function.name
+        for node in changed
+        if isinstance(node, x.SetPredicate | x.ChangeFunction)
+    }
+
+
+def _share(probability: float, error: float) -> str:
+    """Return a probability as the file has it, with two to four decimals, rounded down."""
+    digits = 2 if error > 0.005 else 4
+    return f"{math.floor(probability * 10**digits) / 10**digits:g}"
 
 
 def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:

@@ -167,8 +167,9 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
     Numbers are changed where they stand, and missing effects are added, each with its evidence as
-    a comment; everything else stays as it is. Rewards, unsafe and ends are never changed: comments
-    say what was observed of them, and of stochastic effects.
+    a comment; everything else stays as it is. What happens by
+    chance becomes `probabilistic`. Rewards, unsafe and ends are never changed: comments say what
+    was observed of them.
     """
     from serp.runs.diagnosis import repair as repairing
     from serp.runs.diagnosis.analysis import findings

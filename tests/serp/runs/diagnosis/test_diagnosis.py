@@ -87,7 +87,7 @@ def errors_of(domain, seen):
     """The error of each quantity as a share of its change, by the definition alone."""
     experience = seen.adaptation.experience
     said, written_so = (
-        predicted_steps(model, experience.states, experience.actions)
+        predicted_steps(model, experience.states, experience.actions, experience.next_states)
         for model in (domain.model, seen.model)
     )
     after = np.column_stack((experience.next_states, experience.rewards, experience.over))

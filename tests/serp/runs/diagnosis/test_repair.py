@@ -238,7 +238,7 @@ def test_the_file_stays_and_says_what_was_found(name, data):
     )
 
 
-def test_chance_changes_comments_alone():
+def test_what_happens_by_chance_becomes_outcomes():
     domain = domain_of("cliff")
     kinds = tuple(
         ObservedOutcome((("row", k),), p, 0.02, k == 1.0) for k, p in ((1.0, 0.4), (2.0, 0.6))
@@ -246,10 +246,21 @@ def test_chance_changes_comments_alone():
     actions = {a.schema: a for a in domain.model.actions}.values()
     outcomes = [StochasticEffect(a.schema, a.place, kinds, 77, 0.1) for a in actions]
     repaired = repair(domain, found(*outcomes))
-    assert len(repaired.changes) == repaired.text.count("; Observed: ") == len(outcomes)
-    new, old = repaired.text.splitlines(), domain.source.text.splitlines()
-    assert [line for line in new if line.strip()[:1] != ";"] == [
-        line for line in old if line.strip()[:1] != ";"
-    ]
-    rest = iter(new)
-    assert all(line in rest for line in old)
+    assert len(repaired.changes) == len(outcomes)
+    new = written(domain, repaired).model
+    row = next(f.index for f in new.fluents if f.name == "row")
+    moving = [a for a in new.actions if any(e.target == row for e in a.effects)]
+    assert moving and all(
+        [o.probability for o in a.outcomes] == [pytest.approx(0.4)] for a in moving
+    )
+    assert not any(a.outcomes for a in new.actions if a not in moving)
+
+
+def test_chance_beyond_the_parameters_of_an_action_is_a_comment():
+    domain = domain_of("cliff")
+    kinds = (ObservedOutcome((("row ?other", 1.0),), 0.6, 0.02, written=False),)
+    action = domain.model.actions[0]
+    effect = StochasticEffect(action.schema, action.place, kinds, 77, 0.1)
+    repaired = repair(domain, found(effect))
+    assert repaired.text.count("; Observed: ") == 1
+    assert logic(written(domain, repaired)) == logic(domain)
