@@ -137,6 +137,21 @@ def instantiate(
     return _Instantiation(facts, problem).run()
 
 
+class _MissingValue(DomainError):
+    """A static number that is read and that the problem does not give."""
+
+    def __init__(self, key: Key, read: Place, problem: x.ProblemSyntax | None) -> None:
+        self.key = key
+        init = problem.init if problem is not None else None
+        super().__init__(
+            f"`({' '.join(key)})` has no value, but `{read}` reads it",
+            (init or read).opening,
+            f"the problem gives values to other instances of `{key[0]}`; add "
+            f"`(= ({' '.join(key)}) ...)` to its :init",
+            code="missing-value",
+        )
+
+
 class _Instantiation:
     def __init__(self, facts: Facts, problem: x.ProblemSyntax | None) -> None:
         self.domain = facts.domain
@@ -144,6 +159,8 @@ class _Instantiation:
         self.facts = facts
         self.parameters: list[g.Parameter] = []
         self.parameter_at: dict[tuple[int, int], int] = {}
+        self.left_out: dict[Key, list[str]] = {}
+        """Static number without a value → names of the instances that read it."""
 
     def run(self) -> g.GroundModel:
         self.facts.free_missing_numbers()
@@ -154,6 +171,7 @@ class _Instantiation:
         for schema in self.domain.schemas:
             instances = (self._instance(schema, binding) for binding in bindings[schema.name])
             ground[schema.kind] += [instance for instance in instances if instance is not None]
+        self._warn_of_missing_values()
         goal = self._goal()
         metric = self._metric()
         worth = self.problem.goal_reward if self.problem is not None else None
@@ -234,6 +252,28 @@ class _Instantiation:
     # Instances ---------------------------------------------------------------------------------
 
     def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
+        """Return an instance; None where it can never apply, or reads what has no value."""
+        try:
+            return self._complete_instance(schema, binding)
+        except _MissingValue as missing:
+            arguments = (binding[p.name] for p in schema.parameters)
+            name = " ".join((schema.name, *arguments))
+            self.left_out.setdefault(missing.key, []).append(name)
+            return None
+
+    def _warn_of_missing_values(self) -> None:
+        for key, names in self.left_out.items():
+            init = self.problem.init if self.problem is not None else None
+            place = init or self.domain.declarations[key[0]].place
+            place.opening.warn(
+                f"`({' '.join(key)})` has no value, so what reads it never applies: "
+                f"{listed(names, 3)}",
+                "missing-value",
+                advice=f"the problem gives values to other instances of `{key[0]}`; add "
+                f"`(= ({' '.join(key)}) ...)` to its :init where it should apply",
+            )
+
+    def _complete_instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
         test = self._test(schema.precondition, binding)
         if test == g.Constant(False):
             return None
@@ -277,7 +317,7 @@ class _Instantiation:
                 if key in self.index:
                     return g.Read(self.index[key])
                 if key not in self.facts.values:
-                    raise self._no_value(key, place)
+                    raise _MissingValue(key, place, self.problem)
                 return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
@@ -289,17 +329,6 @@ class _Instantiation:
                 for value in values[1:]:
                     result = g.Operation(operator, result, value)
                 return result
-
-    def _no_value(self, key: Key, read: Place) -> DomainError:
-        """Return the error of a static number that is read and that the problem does not give."""
-        init = self.problem.init if self.problem is not None else None
-        return DomainError(
-            f"`({' '.join(key)})` has no value, but `{read}` reads it",
-            (init or read).opening,
-            f"the problem gives values to other instances of `{key[0]}`; add "
-            f"`(= ({' '.join(key)}) ...)` to its :init",
-            code="missing-value",
-        )
 
     def _test(self, condition: x.Condition, binding: Binding) -> g.Test:
         match condition:

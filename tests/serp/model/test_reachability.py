@@ -26,13 +26,20 @@ def test_a_number_is_needed_only_where_an_instance_that_can_be_reached_reads_it(
     model = load_texts(texts).model  # nobody stops at f1, so its times are of no interest
     assert [a.name for a in model.actions] == ["up f0 f2", "up f0 f3", "up f2 f3"]
     assert [f.name for f in model.fluents] == ["at f0", "at f2", "at f3", "cost"]
-    for message, domain in (
-        ("`(time f0 f3)` has no value", load_texts(Texts(LIFT, FLOORS.format("")))),
-        ("`(time f1 f2)` has no value", load_texts(texts).observed()),  # it may be seen at f1
+    for missing, domain in (
+        ("(time f0 f3)", load_texts(Texts(LIFT, FLOORS.format("")))),
+        ("(time f1 f2)", load_texts(texts).observed()),  # it may be seen at f1
     ):
-        with pytest.raises(DomainError) as caught:
-            _ = domain.model
-        assert caught.value.problem.partition(", but ")[0] == message
+        left_out = missing.replace("(time", "up").strip(")")
+        assert left_out not in [action.name for action in domain.model.actions]
+        told = [w.text for w in domain.warnings if w.code == "missing-value"]
+        assert f"`{missing}` has no value, so what reads it never applies: `{left_out}`" in told
+
+
+def test_a_goal_that_reads_what_has_no_value_is_refused():
+    goal = FLOORS.format("").removesuffix(")") + " (:goal (> (time f0 f3) 1)))"
+    with pytest.raises(DomainError, match=r"`\(time f0 f3\)` has no value, but"):
+        _ = load_texts(Texts(LIFT, goal)).model
 
 
 def test_a_number_that_is_missing_starts_at_0_with_a_warning():
