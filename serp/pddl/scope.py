@@ -383,12 +383,14 @@ def parse_declarations(
                 continue
             name = declaration.name
             if (known := declared.get(name)) is not None:
-                if known.numeric != numeric:
-                    raise DomainError(
-                        f"`{name}` is both a predicate and a function",
-                        declaration.place,
-                        code="declared-twice",
+                if known.numeric != numeric:  # what uses it as a predicate is refused there
+                    problem = (
+                        f"`{name}` is both a predicate and a function; it is read as the latter"
                     )
+                    declaration.place.warn(problem, "declared-twice")
+                    declared.pop(name)  # functions come after predicates
+                    declared[name] = declaration if numeric else known
+                    continue
                 types = [parameter.types for parameter in known.parameters]
                 same = types == [parameter.types for parameter in declaration.parameters]
                 declared_again(expect_group(node, what).items[0], what, same=same)

@@ -17,6 +17,8 @@ FORMS = {
     "a constant twice": ("here there", "here here there", "object `here` is declared twice"),
     "a function twice": ("functions (speed)",
         "functions (speed) (speed)", "function `speed` is declared twice"),
+    "a function that is a predicate, too": ("(:predicates",
+        "(:predicates (speed)", "`speed` is both a predicate and a function"),
     "a variable twice": ("(linked ?x ?y)", "(linked ?x ?x)", "parameter `?x` is declared twice"),
     "an empty list": ("(:objects ferry", "(:objects - lake ferry", "`- lake` without an object"),
     "a number as name": ("(problem lake)", "(problem 4)", "`4`: for other tools a name begins"),
