@@ -21,6 +21,8 @@ from serp.pddl.expressions import (
 from serp.pddl.reader import Group, Node, Word, read_group
 from serp.pddl.scope import (
     INSTEAD,
+    RESERVED_WORDS,
+    TOTAL_TIME,
     Scope,
     expect_group,
     expect_name,
@@ -340,9 +342,11 @@ def _initial(
             item = expect_group(node, "a fact")
             if item.head == "=":
                 given = _value(item, scope)
-                if given and values.setdefault(x.meaning(given[0]), given) is not given:
+                if given and (known := values.setdefault(x.meaning(given[0]), given)) is not given:
                     problem = f"a second value for `{given[0].place.text}`"
-                    raise DomainError(problem, item.place, code="declared-twice")
+                    if known[1].value != given[1].value:
+                        raise DomainError(problem, item.place, code="declared-twice")
+                    item.place.warn(problem, "declared-twice", write="")
             elif item.head == "not":
                 fact = parse_condition(item.items[1], scope) if len(item.items) == 2 else None
                 if not isinstance(fact, x.Atom):
@@ -363,6 +367,12 @@ def _value(item: Group, scope: Scope) -> tuple[x.FunctionTerm, x.Number] | None:
     if len(item.items) != 3:
         raise DomainError("expected `(= (function) number)`", item.place)
     target = expect_group(as_function(item.items[1], scope), "a function")
+    known = {*scope.declarations, *RESERVED_WORDS, *x.MATH_FUNCTIONS, x.REWARD, TOTAL_TIME}
+    name = target.head
+    if name and name[0].isalpha() and name not in known and not closest(name, known):
+        text = f"the domain has no function `{name}`; its value is left out"
+        item.place.warn(text, "unknown-name", write="")
+        return None
     # What a metric may read, an initial value may name: `(reward)` too.
     function = parse_expression(target, replace(scope, in_metric=True))
     if isinstance(function, x.TotalTime) and parse_number(item.items[2]).value == 0.0:
