@@ -16,9 +16,9 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
-from serp.planning.forecast import Bound, Forecast, score_of
+from serp.planning.forecast import Bound, Forecast, advised, score_of
 from serp.planning.goal_search import GoalSearch
-from serp.planning.lookahead import Lookahead
+from serp.planning.lookahead import Lookahead, near_lookahead
 from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
 
@@ -63,7 +63,7 @@ class FarSightPlanner:
         self.graph = ClosedGraph(model, settings)
         self.goal_search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings)
-        self._lookahead = Lookahead(model, settings)
+        self._lookahead, self._near = Lookahead(model, settings), near_lookahead(model, settings)
         self._followed = self._lookahead.followed
         self._revision = model.revision
         self._new_episode = True
@@ -82,9 +82,14 @@ class FarSightPlanner:
             self._earn()
         self._checked = None
         forecast = self._forecast_by_graph(state)
-        if forecast is None and self._may_search(state):
+        if forecast is None and self.goal_search.toward(state) < 0 and self._may_search(state):
             forecast = self._search(state)
-        return forecast if forecast is not None else self._forecast_by_cells(state)
+        if forecast is not None:
+            return forecast
+        action = self.goal_search.toward(state)
+        if action >= 0:
+            return advised(self._near.forecast(state), action)
+        return self._forecast_by_cells(state)
 
     def check_safety(self, state: Vector) -> Forecast | None:
         """Return which actions are safe in a state `[F]`; None where that takes a forecast.
@@ -113,6 +118,7 @@ class FarSightPlanner:
         if self.model.revision != self._revision and (self._saved >= 0 or not self.graph.nodes):
             self._revision = self.model.revision
             self.graph.clear()
+            self.goal_search.forget()
         return self.graph.forecast(state)
 
     @contextlib.contextmanager
@@ -125,15 +131,20 @@ class FarSightPlanner:
 
     def _may_search(self, state: Vector) -> bool:
         """Return whether a search is due: between numbers that are not whole most find nothing."""
-        if not _whole(state):
+        if not self._symbolic(state):
             return self._since >= self._wait and self._saved >= self._price
         if self._new_episode:
             self._since, self._wait = 1, 0
         return self._since >= self._wait
 
+    def _symbolic(self, state: Vector) -> bool:
+        """Return whether a search is likely to find the goal: it is in the file, or all is whole."""
+        return self.model.ground.goal is not None or bool((state == np.rint(state)).all())
+
     def _search(self, state: Vector) -> Forecast | None:
         """Grow the closed graph, or the graph around a way to the goal; return its forecast."""
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
+        least = np.inf if self._new_episode else self.goal_search.least
         self._new_episode, edges = False, 0
         if not graph.complete:
             graph.clear()
@@ -146,12 +157,14 @@ class FarSightPlanner:
                 break
             graph.clear()
         # In a symbolic domain a graph spreads where many actions are applicable in any order.
-        hopeless = graph.spreads and not _whole(state)
+        hopeless = graph.spreads and not self._symbolic(state)
         if self.goal_search.goal and not (graph.complete or hopeless or graph.ends(state)):
             forecast = self._around_way(state, forecast)
             edges += self.goal_search.steps + graph.edges
         self._saved = max(self._saved, 0) - edges
-        if forecast is None:
+        if forecast is None and self.goal_search.least < least:  # that earns the next search
+            self._price, self._since, self._wait = limit, 0, 0
+        elif forecast is None:
             self._price, self._wait = limit, _PATIENCE * self._since
         else:
             self._price, self._since, self._wait = edges, 0, 0
@@ -238,5 +251,3 @@ class FarSightPlanner:
 _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed", "revision")
 
 
-def _whole(state: Vector) -> bool:
-    return bool((state == np.rint(state)).all())

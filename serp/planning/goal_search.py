@@ -13,11 +13,13 @@ be repeated (Scala, Haslum & Thiébaux, "Heuristics for numeric planning via sub
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Final, NamedTuple
 
-from serp._core import Relaxation, find_way
+import numpy as np
+
+from serp._core import Relaxation, WaySearch
 from serp.model import ground_model as g
 from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
@@ -29,6 +31,9 @@ _EVENT: Final = 2.0**-20
 """The cost of an event: next to nothing, so that only what holds costs nothing."""
 _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
+_NO_CHANGE: Final = Linear({}, Fraction(0))
+_LEVELS: Final = 2
+"""Sums that are added to sums that are added to sums of conditions are followed so far."""
 
 
 def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> Relaxation | None:
@@ -59,16 +64,22 @@ def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
     )
 
 
+def _of_fluents(form: Linear) -> bool:
+    """Return whether all terms of a sum are fluents."""
+    return all(isinstance(atom, int) for atom in form.terms)
+
+
 class _Operator(NamedTuple):
     """Facts that are needed, cost, facts that become true, known changes of fluents.
 
-    A change is None where it is not known.
+    A change is a sum of fluents, None where it is not known.
     """
 
     needs: list[int]
     cost: float
     adds: list[int]
-    changes: dict[object, float | None]
+    changes: dict[object, Linear | None]
+    action: int = -1
 
 
 class _Relaxation:
@@ -81,16 +92,32 @@ class _Relaxation:
         self.comparisons: list[tuple[Linear, bool]] = []
         self.known: dict[object, int] = {}
         self.operators: list[_Operator] = []
-        for schemas, cost in ((ground.actions, 1.0), (ground.events, _EVENT)):
-            for schema in schemas:
-                self._read(schema, cost)
+        for action, schema in enumerate(ground.actions):
+            self._read(schema, 1.0, action)
+        for schema in ground.events:
+            self._read(schema, _EVENT, -1)
 
     def result(self, ways: Iterable[Sequence[g.Test]]) -> Relaxation:
         goals = [sorted(set(self._all(way, True))) for way in ways]
-        readers: dict[object, list[int]] = {}
-        for k, (form, _) in enumerate(self.comparisons):
-            for fluent in form.terms:
-                readers.setdefault(fluent, []).append(k)
+        operators = [
+            (o.needs, o.cost, [(fact, 0.0, -1) for fact in o.adds], o.action)
+            for o in self.operators
+        ]
+        first = 0
+        for level in range(_LEVELS + 1):  # what is added may itself be changed by operators
+            readers: dict[object, list[int]] = {}
+            for k in range(first, len(self.comparisons)):
+                for fluent in self.comparisons[k][0].terms:
+                    readers.setdefault(fluent, []).append(k)
+            first = len(self.comparisons)
+            for operator, (needs, cost, adds, action) in zip(
+                self.operators, tuple(operators), strict=False
+            ):
+                for fact, gain, amount in self._gains(operator, readers, level < _LEVELS):
+                    if amount < 0:
+                        adds.append((fact, gain, -1))
+                    else:
+                        operators.append(([*needs, amount], cost, [(fact, 0.0, amount)], action))
         return Relaxation(
             fluents=self.fluents,
             comparisons=[
@@ -101,7 +128,7 @@ class _Relaxation:
                 )
                 for form, strict in self.comparisons
             ],
-            operators=[(o.needs, o.cost, self._adds(o, readers)) for o in self.operators],
+            operators=operators,
             ways=goals,
         )
 
@@ -135,10 +162,16 @@ class _Relaxation:
     def _comparison(self, test: g.Compare, wanted: bool) -> list[int]:
         above = linear(test.left, self.theta).plus(linear(test.right, self.theta), _MINUS)
         below = Linear({}, Fraction(0)).plus(above, _MINUS)
-        if not all(isinstance(atom, int) for atom in above.terms):
+        if not _of_fluents(above):
             return []
+        if test.operator == "=" and wanted:
+            return [self._fact(above), self._fact(below)]
         if test.operator == "=":
-            return [self._fact(above), self._fact(below)] if wanted else []
+            fact = self._fact(_NEVER)
+            self.operators += [
+                _Operator([self._fact(form, True)], 0.0, [fact], {}) for form in (above, below)
+            ]
+            return [fact]
         up = (test.operator in (">", ">=")) == wanted
         return [self._fact(above if up else below, (test.operator in (">", "<")) == wanted)]
 
@@ -153,43 +186,47 @@ class _Relaxation:
 
     # Operators ---------------------------------------------------------------------------------
 
-    def _read(self, schema: g.GroundSchema, cost: float) -> None:
+    def _read(self, schema: g.GroundSchema, cost: float, action: int) -> None:
         """Add an operator for all effects of a schema that have the same condition."""
         needs = self._all(schema.preconditions, True)
         operators: dict[int, _Operator] = {}
         for effect in schema.effects:
             if (condition := id(effect.condition)) not in operators:
                 facts = needs + self._facts(effect.condition, True)
-                operators[condition] = _Operator(facts, cost, [], {})
-            _, _, adds, changes = operators[condition]
+                operators[condition] = _Operator(facts, cost, [], {}, action)
+            _, _, adds, changes, _ = operators[condition]
             if isinstance(effect, g.SetBoolean):
                 adds += [2 * effect.target + effect.value] if effect.target >= 0 else []
             elif effect.target >= 0:
                 amount = linear(effect.value, self.theta)
-                sign = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}.get(effect.change)
-                known = changes.get(effect.target, 0.0)
-                if sign is None or amount.terms or known is None:
+                sign = {Change.INCREASE: Fraction(1), Change.DECREASE: _MINUS}.get(effect.change)
+                known = changes.get(effect.target, _NO_CHANGE)
+                if sign is None or known is None or not _of_fluents(amount):
                     changes[effect.target] = None
                 else:
-                    changes[effect.target] = known + sign * float(amount.constant)
+                    changes[effect.target] = known.plus(amount, sign)
         self.operators += operators.values()
 
-    def _adds(
-        self, operator: _Operator, readers: dict[object, list[int]]
-    ) -> list[tuple[int, float]]:
-        """Return the facts that an operator makes true, and the gains in comparisons."""
-        adds = [(fact, 0.0) for fact in operator.adds]
+    def _gains(
+        self, operator: _Operator, readers: dict[object, list[int]], exactly: bool
+    ) -> Iterator[tuple[int, float, int]]:
+        """Yield the comparisons that an operator may make true: their facts and gains.
+
+        Where a gain depends on the state, the fact that it is positive is the third entry; without
+        `exactly`, one application is enough.
+        """
         changes = operator.changes
         for k in sorted({k for fluent in changes for k in readers.get(fluent, ())}):
-            parts = [
-                (float(factor), changes.get(fluent, 0.0))
-                for fluent, factor in self.comparisons[k][0].terms.items()
-            ]
-            gain = sum(factor * change for factor, change in parts if change is not None)
-            unknown = any(change is None for _, change in parts)
-            if unknown or gain > 0.0:
-                adds.append((self.base + k, 0.0 if unknown else gain))
-        return adds
+            gain: Linear | None = Linear({}, Fraction(0))
+            for fluent, factor in self.comparisons[k][0].terms.items():
+                change = changes.get(fluent, _NO_CHANGE)
+                gain = None if gain is None or change is None else gain.plus(change, factor)
+            if gain is None or (gain.terms and not exactly):
+                yield self.base + k, 0.0, -1
+            elif gain.terms:
+                yield self.base + k, 0.0, self._fact(gain, True)
+            elif gain.constant > 0:
+                yield self.base + k, float(gain.constant), -1
 
 
 class GoalSearch:
@@ -207,6 +244,7 @@ class GoalSearch:
         self._accepted = settings.accepted_risk
         self.steps = 0
         self._relaxed: Relaxation | None = None
+        self._tree: WaySearch | None = None
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -215,20 +253,40 @@ class GoalSearch:
         """Whether there is a goal to search for."""
         return self._relaxed is not None
 
+    def forget(self) -> None:
+        """Begin anew with the next search."""
+        self._tree = None
+
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
 
         The likeliest outcome of every step is followed, no step that is not safe, and at most
-        `limit` edges. None where there is no goal, or no way was found.
+        about `limit` edges. None where there is no goal, or no way was found: the next call goes on
+        with the same tree, if it holds the state.
         """
         self.steps = 0
         if self._relaxed is None:
             return None
-        model = self._model
-        inert = inert_fluents(model)
-        numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
-        self.steps, way = find_way(
-            model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted,
-            state, limit,
-        )  # fmt: skip
+        if self._tree is None:
+            model, inert = self._model, inert_fluents(self._model)
+            numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
+            self._tree = WaySearch(
+                model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted
+            )
+        try:
+            self.steps, way = self._tree.search(state, limit)
+        except MemoryError:  # no way was found
+            self.forget()
+            return None
+        if way is not None:
+            self.forget()
         return way
+
+    def toward(self, state: Vector) -> int:
+        """Return the action toward the state of the least cost that the tree holds; -1: none."""
+        return -1 if self._tree is None else self._tree.toward(state)
+
+    @property
+    def least(self) -> float:
+        """The least relaxed cost of the states that the newest search reached."""
+        return np.inf if self._tree is None else self._tree.least
