@@ -27,52 +27,21 @@ namespace serp {
 
 namespace {
 
-/// States that lack more conditions of the goal than this are taken to lack as many.
-constexpr int MOST_LEFT = 100;
-constexpr int BY_NOVELTY = 3 * (MOST_LEFT + 1);
 /// Most bytes in the states of a search.
 constexpr std::int64_t MAX_BYTES = 320'000'000;
 
-/// Queues of nodes, the lowest one first.
-class Queues {
+/// Nodes in the order of a rank and a cost; of equal ones the first comes first, or the last.
+class Queue {
 public:
-    explicit Queues(int count) : first_(count, -1), last_(count, -1), lowest_(count) {}
+    explicit Queue(bool last_first) : step_(last_first ? -1 : 1) {}
 
-    void append(int queue, int node) {
-        const auto entry = static_cast<std::int32_t>(node_.size());
-        node_.push_back(node);
-        following_.push_back(-1);
-        if (first_[queue] < 0)
-            first_[queue] = entry;
-        else
-            following_[last_[queue]] = entry;
-        last_[queue] = entry;
-        lowest_ = std::min(lowest_, queue);
+    void append(int rank, double cost, int node) {
+        nodes_.push({rank, cost, count_, node});
+        count_ += step_;
     }
-
-    /// Removes and returns the next node of the first queue that has one; -1 where none has.
-    int next() {
-        for (; lowest_ < static_cast<int>(first_.size()); ++lowest_) {
-            const int entry = first_[lowest_];
-            if (entry < 0) continue;
-            first_[lowest_] = following_[entry];
-            return node_[entry];
-        }
-        return -1;
-    }
-
-private:
-    std::vector<std::int32_t> first_, last_, node_, following_;
-    int lowest_;  ///< no queue before this one has a node
-};
-
-/// Nodes in the order of their costs; those of equal cost in the order in which they came.
-class ByCost {
-public:
-    void append(double cost, int node) { nodes_.push({cost, count_++, node}); }
 
     /// Returns the next node; -1 where there is none.
-    int peek() const { return nodes_.empty() ? -1 : std::get<2>(nodes_.top()); }
+    int peek() const { return nodes_.empty() ? -1 : std::get<3>(nodes_.top()); }
 
     /// Removes and returns the next node; -1 where there is none.
     int next() {
@@ -82,9 +51,9 @@ public:
     }
 
 private:
-    using Entry = std::tuple<double, std::int32_t, std::int32_t>;
+    using Entry = std::tuple<int, double, std::int32_t, std::int32_t>;
     std::priority_queue<Entry, std::vector<Entry>, std::greater<>> nodes_;
-    std::int32_t count_ = 0;
+    std::int32_t count_ = 0, step_;
 };
 
 /// A set of values and pairs of values, as bits at their hashes.
@@ -126,8 +95,8 @@ template <class Number>
 class Tree final : public WaySearch {
 public:
     Tree(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
-         double accepted_risk)
-        : model_(model), width_(model.fluents()), inert_(std::move(inert)),
+         double accepted_risk, bool greedy)
+        : greedy_(greedy), model_(model), width_(model.fluents()), inert_(std::move(inert)),
           accepted_risk_(accepted_risk), costs_(relaxation), atoms_(width_),
           helpful_(model.actions()) {}
 
@@ -150,6 +119,7 @@ private:
     int next();
     int novelty(int node);
 
+    const bool greedy_;
     const Model& model_;
     int width_;
     std::vector<std::int64_t> inert_;
@@ -162,11 +132,11 @@ private:
     std::vector<std::int32_t> action_;  ///< [N] by which action
     std::vector<std::int32_t> known_;   ///< [N] 2 x root + whether the root leads to the node
     std::vector<double> cost_;          ///< [N] relaxed cost
-    std::vector<std::uint8_t> left_;    ///< [N] conditions of the goal that do not hold
+    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
-    Queues by_novelty_{BY_NOVELTY};
-    ByCost by_cost_, helped_;           ///< all nodes, and those of helpful actions
-    Seen seen_;
+    Queue by_novelty_{greedy_}, by_cost_{greedy_};  ///< of all nodes
+    Queue helped_{greedy_};             ///< of those that a helpful action leads to, by cost
+    std::optional<Seen> seen_;
     int root_ = -1, best_ = -1, goal_ = -1;
     double least_ = std::numeric_limits<double>::infinity();
     std::int64_t turn_ = 0;
@@ -197,7 +167,8 @@ void Tree<Number>::enter(const double* row) {
     table_.clear();
     states_.clear(), parent_.clear(), action_.clear(), known_.clear(), cost_.clear();
     left_.clear(), done_.clear();
-    by_novelty_ = Queues(BY_NOVELTY), by_cost_ = ByCost(), helped_ = ByCost(), seen_ = Seen();
+    by_novelty_ = Queue(greedy_), by_cost_ = Queue(greedy_), helped_ = Queue(greedy_);
+    if (!greedy_) seen_.emplace();
     root_ = 0, best_ = -1, turn_ = 0, full_ = false;
     least_ = std::numeric_limits<double>::infinity();
     std::vector<double> source(row, row + width_);
@@ -240,7 +211,7 @@ bool Tree<Number>::add(double* row, int parent, int action) {
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
     const auto [cost, left] = costs_.estimate(row);
     cost_.push_back(std::max(cost, 0.0));  // rounding may make it negative
-    left_.push_back(static_cast<std::uint8_t>(std::min(left, MOST_LEFT)));
+    left_.push_back(left);
     const bool alive = cost < std::numeric_limits<double>::infinity();
     if (alive || parent < 0) open(node);
     return alive;
@@ -249,24 +220,23 @@ bool Tree<Number>::add(double* row, int parent, int action) {
 /// Appends a node to the queues.
 template <class Number>
 void Tree<Number>::open(int node) {
-    by_novelty_.append((novelty(node) - 1) * (MOST_LEFT + 1) + left_[node], node);
-    by_cost_.append(cost_[node], node);
-    if (action_[node] >= 0 && helpful_[action_[node]]) helped_.append(cost_[node], node);
+    if (!greedy_) by_novelty_.append(novelty(node), left_[node], node);
+    by_cost_.append(0, cost_[node], node);
+    if (action_[node] >= 0 && helpful_[action_[node]]) helped_.append(0, cost_[node], node);
     if (cost_[node] >= least_) return;
     least_ = cost_[node];
     if (node != root_) best_ = node;
 }
 
-/// Removes and returns the next node to expand, of the queues in turn; -1 where none is left.
+/// Removes and returns the next node to expand, of two queues in turn; -1 where none is left.
 template <class Number>
 int Tree<Number>::next() {
-    for (int empty = 0; empty < 3;) {
-        const auto turn = turn_ % 3;
-        const int node = turn == 0   ? by_novelty_.next()
-                         : turn == 1 ? by_cost_.next()
-                                     : helped_.next();
-        if (node < 0) ++empty, ++turn_;
-        else if (!done_[node] && reached(node)) return ++turn_, node;
+    Queue& all = greedy_ ? by_cost_ : by_novelty_;
+    for (int empty = 0; empty < 2;) {
+        const int node = (turn_ % 2 ? helped_ : all).next();
+        empty = node < 0 ? empty + 1 : 0;
+        if (node < 0 || (!done_[node] && reached(node))) ++turn_;
+        if (node >= 0 && !done_[node] && reached(node)) return node;
     }
     return -1;
 }
@@ -290,11 +260,11 @@ int Tree<Number>::novelty(int node) {
     for (int i = 0; i < width_ && !everything; ++i)
         if (row[i] != 0 && row[i] == former[i]) remember(i);
     bool single = false, pair = false;
-    for (int k = 0; k < changed; ++k) single |= seen_.add(atoms_[k]);
+    for (int k = 0; k < changed; ++k) single |= seen_->add(atoms_[k]);
     for (int k = 0; k < changed; ++k)
         for (int j = k + 1; j < count; ++j) {
             const auto [low, high] = std::minmax(atoms_[k], atoms_[j]);
-            pair |= seen_.add(finished(mixed(low, high)));
+            pair |= seen_->add(finished(mixed(low, high)));
         }
     return single ? 1 : pair ? 2 : 3;
 }
@@ -374,7 +344,7 @@ int Tree<Number>::toward(const double* row) {
 
 std::unique_ptr<WaySearch> way_search(const Model& model, const Relaxation& relaxation,
                                       const In<std::int64_t, nb::ndim<1>>& inert, bool binary,
-                                      double accepted_risk) {
+                                      double accepted_risk, bool greedy) {
     if (relaxation.fluents() != model.fluents())
         throw std::invalid_argument("model and relaxation differ in their fluents");
     std::vector<std::int64_t> fluents = vector_of(inert);
@@ -383,8 +353,9 @@ std::unique_ptr<WaySearch> way_search(const Model& model, const Relaxation& rela
             throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
     if (binary)
         return std::make_unique<Tree<std::uint8_t>>(model, relaxation, std::move(fluents),
-                                                    accepted_risk);
-    return std::make_unique<Tree<double>>(model, relaxation, std::move(fluents), accepted_risk);
+                                                    accepted_risk, greedy);
+    return std::make_unique<Tree<double>>(model, relaxation, std::move(fluents), accepted_risk,
+                                          greedy);
 }
 
 }  // namespace
@@ -397,9 +368,10 @@ void bind_goal_search(nb::module_& module) {
     nb::class_<WaySearch>(module, "WaySearch",
                           "A search for a way to the goal that can be gone on with.")
         .def(nb::new_(&way_search), nb::arg("model"), nb::arg("relaxation"), nb::arg("inert"),
-             nb::arg("binary"), nb::arg("accepted_risk"), nb::keep_alive<1, 2>(),
-             nb::keep_alive<1, 3>(),
-             "Fluents `inert` become 0 in all states; `binary` says that all others are 0 or 1.")
+             nb::arg("binary"), nb::arg("accepted_risk"), nb::arg("greedy"),
+             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(),
+             "Fluents `inert` become 0 in all states; `binary` says that all others are 0 or 1. A "
+             "`greedy` search goes by relaxed cost, another one by novelty.")
         .def("search", [](WaySearch& self, const State& state, std::int64_t limit)
                 -> std::pair<std::int64_t, std::optional<Array<double>>> {
                 const auto [followed, found] = self.search(state_of(state, self.fluents()), limit);

@@ -1,8 +1,12 @@
 """The search for a way to the goal where not everything that can be reached can be followed.
 
-States are expanded in two orders in turn: those with new values, or pairs of values, among the
-states that lack as many conditions of the goal come first in one, those with the least relaxed cost
-in the other (best-first width search: Lipovetzky & Geffner, AAAI 2017).
+Two searches share the work, because neither solves what the other does. In one, those states come
+first that have new values, or pairs of values, among the states that lack as many conditions of the
+goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in the other those of the least
+relaxed cost. In both, every other state is one that a helpful action leads to, one that begins a
+relaxed plan (Hoffmann & Nebel, JAIR 2001). A search that has found no way leads to the state of the
+least relaxed cost, and goes on from there with the states that it knows. States from which even the
+relaxed goal is out of reach are dead ends, and no way leads there.
 
 The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
 facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
@@ -244,7 +248,7 @@ class GoalSearch:
         self._accepted = settings.accepted_risk
         self.steps = 0
         self._relaxed: Relaxation | None = None
-        self._tree: WaySearch | None = None
+        self._trees: list[WaySearch] = []
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -255,7 +259,7 @@ class GoalSearch:
 
     def forget(self) -> None:
         """Begin anew with the next search."""
-        self._tree = None
+        self._trees = []
 
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
@@ -267,26 +271,35 @@ class GoalSearch:
         self.steps = 0
         if self._relaxed is None:
             return None
-        if self._tree is None:
+        if not self._trees:
             model, inert = self._model, inert_fluents(self._model)
             numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
-            self._tree = WaySearch(
-                model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted
-            )
+            binary = numeric <= set(inert.tolist())
+            self._trees = [
+                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, greedy)
+                for greedy in (False, True)
+            ]
         try:
-            self.steps, way = self._tree.search(state, limit)
+            for tree in self._trees:
+                steps, way = tree.search(state, max(1, limit // len(self._trees)))
+                self.steps += steps
+                if way is not None:
+                    break
         except MemoryError:  # no way was found
+            way = None
             self.forget()
-            return None
         if way is not None:
             self.forget()
         return way
 
     def toward(self, state: Vector) -> int:
         """Return the action toward the state of the least cost that the tree holds; -1: none."""
-        return -1 if self._tree is None else self._tree.toward(state)
+        actions = [
+            tree.toward(state) for tree in sorted(self._trees, key=lambda tree: tree.least)
+        ]
+        return next((action for action in actions if action >= 0), -1)
 
     @property
     def least(self) -> float:
         """The least relaxed cost of the states that the newest search reached."""
-        return np.inf if self._tree is None else self._tree.least
+        return min((tree.least for tree in self._trees), default=np.inf)
