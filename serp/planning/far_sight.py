@@ -75,6 +75,7 @@ class FarSightPlanner:
     def begin_episode(self) -> None:
         """Say that another episode begins, perhaps in another world, which is searched anew."""
         self._new_episode = True
+        self.goal_search.forget()
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`; a decision that was checked has earned already."""
@@ -138,7 +139,7 @@ class FarSightPlanner:
         return self._since >= self._wait
 
     def _symbolic(self, state: Vector) -> bool:
-        """Return whether a search is likely to find the goal: it is in the file, or all is whole."""
+        """Return whether a search is likely to find the goal: in the file, or all is whole."""
         return self.model.ground.goal is not None or bool((state == np.rint(state)).all())
 
     def _search(self, state: Vector) -> Forecast | None:
@@ -230,6 +231,7 @@ class FarSightPlanner:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         cells, meta = self.cells.state_dict()
         arrays = nested("graph", self.graph.state_dict()) | nested("cells", cells)
+        arrays |= nested("goal", self.goal_search.state_dict())
         meta |= {name: getattr(self, f"_{name}") for name in _COUNTS}
         return arrays, meta | {"saved": self._saved, "new_episode": self._new_episode}
 
@@ -241,6 +243,7 @@ class FarSightPlanner:
         """
         saved = Saved("planner", arrays, meta)
         self.graph.load_state_dict(part_of(arrays, "graph"))
+        self.goal_search.load_state_dict(part_of(arrays, "goal"))
         for name in _COUNTS:
             setattr(self, f"_{name}", saved.whole(name))
         self._saved = saved.whole("saved", -MOST, _MOST_SAVED)
@@ -249,5 +252,3 @@ class FarSightPlanner:
 
 
 _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed", "revision")
-
-

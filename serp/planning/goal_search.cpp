@@ -310,6 +310,10 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
         }
         if (!goes_on && node == best_) best_ = -1;
     }
+    if (best_ < 0 || best_ == root_ || !reached(best_)) {  // on to the best that is open
+        while ((best_ = by_cost_.peek()) >= 0 && (done_[best_] || !reached(best_)))
+            by_cost_.next();
+    }
     return {followed, false};
 }
 
@@ -328,13 +332,6 @@ template <class Number>
 int Tree<Number>::toward(const double* row) {
     const int from = root_ < 0 ? -1 : find(row);
     if (from < 0 || !reached(from)) return -1;
-    if (best_ == from || (best_ >= 0 && !reached(best_))) best_ = -1;
-    if (best_ < 0 && from == root_) {  // nothing better is known: on to the best that is open
-        int node;
-        while ((node = by_cost_.peek()) >= 0 && (done_[node] || !reached(node))) by_cost_.next();
-        if (node < 0) return -1;
-        best_ = node;
-    }
     for (int node = best_; node >= 0 && node != root_; node = parent_[node])
         if (parent_[node] == from) return action_[node];
     return -1;
@@ -345,8 +342,8 @@ int Tree<Number>::toward(const double* row) {
 std::unique_ptr<WaySearch> way_search(const Model& model, const Relaxation& relaxation,
                                       const In<std::int64_t, nb::ndim<1>>& inert, bool binary,
                                       double accepted_risk, bool greedy) {
-    if (relaxation.fluents() != model.fluents())
-        throw std::invalid_argument("model and relaxation differ in their fluents");
+    if (relaxation.fluents() != model.fluents() || relaxation.last_action() >= model.actions())
+        throw std::invalid_argument("model and relaxation differ in their fluents or actions");
     std::vector<std::int64_t> fluents = vector_of(inert);
     for (const auto fluent : fluents)
         if (fluent < 0 || fluent >= model.fluents())

@@ -17,13 +17,15 @@ be repeated (Scala, Haslum & Thiébaux, "Heuristics for numeric planning via sub
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from serp._core import Relaxation, WaySearch
+from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model import ground_model as g
 from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
@@ -249,6 +251,7 @@ class GoalSearch:
         self.steps = 0
         self._relaxed: Relaxation | None = None
         self._trees: list[WaySearch] = []
+        self._calls: list[tuple[Vector, int]] = []
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -259,7 +262,7 @@ class GoalSearch:
 
     def forget(self) -> None:
         """Begin anew with the next search."""
-        self._trees = []
+        self._trees, self._calls = [], []
 
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
@@ -271,7 +274,23 @@ class GoalSearch:
         self.steps = 0
         if self._relaxed is None:
             return None
-        if not self._trees:
+        trees = self._grown()
+        self._calls.append((state.copy(), limit))
+        self.steps, way = self._search(trees, state, limit)
+        if way is not None:
+            self.forget()
+        return way
+
+    def toward(self, state: Vector) -> int:
+        """Return the action toward the state of the least cost that is known; -1: none."""
+        if not self._calls:
+            return -1
+        trees = sorted(self._grown(), key=lambda tree: tree.least)
+        return next((action for tree in trees if (action := tree.toward(state)) >= 0), -1)
+
+    def _grown(self) -> list[WaySearch]:
+        """Return the trees; after a restart they are grown again by the same searches."""
+        if not self._trees and self._relaxed is not None:
             model, inert = self._model, inert_fluents(self._model)
             numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
             binary = numeric <= set(inert.tolist())
@@ -279,27 +298,41 @@ class GoalSearch:
                 WaySearch(model.core, self._relaxed, inert, binary, self._accepted, greedy)
                 for greedy in (False, True)
             ]
-        try:
-            for tree in self._trees:
-                steps, way = tree.search(state, max(1, limit // len(self._trees)))
-                self.steps += steps
-                if way is not None:
-                    break
-        except MemoryError:  # no way was found
-            way = None
-            self.forget()
-        if way is not None:
-            self.forget()
-        return way
+            for state, limit in self._calls:
+                self._search(self._trees, state, limit)
+        return self._trees
 
-    def toward(self, state: Vector) -> int:
-        """Return the action toward the state of the least cost that the tree holds; -1: none."""
-        actions = [
-            tree.toward(state) for tree in sorted(self._trees, key=lambda tree: tree.least)
-        ]
-        return next((action for action in actions if action >= 0), -1)
+    def _search(
+        self, trees: Sequence[WaySearch], state: Vector, limit: int
+    ) -> tuple[int, Vector | None]:
+        followed = 0
+        try:
+            for tree in trees:
+                steps, way = tree.search(state, max(1, limit // len(trees)))
+                followed += steps
+                if way is not None:
+                    return followed, way
+        except MemoryError:  # no way was found
+            self.forget()
+        return followed, None
 
     @property
     def least(self) -> float:
         """The least relaxed cost of the states that the newest search reached."""
-        return min((tree.least for tree in self._trees), default=np.inf)
+        return (
+            min((tree.least for tree in self._grown()), default=np.inf) if self._calls else np.inf
+        )
+
+    def state_dict(self) -> Arrays:
+        """Return arrays that `load_state_dict` restores exactly: the searches to do again."""
+        width = len(self._model.fluents)
+        states = np.array([state for state, _ in self._calls]).reshape(len(self._calls), width)
+        return {"states": states, "limits": np.array([n for _, n in self._calls], np.int64)}
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self.forget()
+        saved = Saved("goal search", arrays, {})
+        limits = saved.array("limits", np.int64, (-1,), 1, MOST)
+        states = saved.array("states", np.float64, (len(limits), len(self._model.fluents)))
+        self._calls = list(zip(states, limits.tolist(), strict=True))

@@ -55,6 +55,7 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
             ++needs;
         }
         needed_.end_row();
+        if (action < -1) throw std::invalid_argument("there is no action below -1");
         action_.push_back(action);
         if (needs == 0) free_.push_back(number);
         needs_.push_back(needs);

@@ -1,6 +1,7 @@
 // The relaxed domain; goal_search.py says what it is and makes it.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -53,6 +54,10 @@ public:
                const std::vector<Operator>& operators, const std::vector<Way>& ways);
 
     int fluents() const { return fluents_; }
+    /// Returns the largest action of an operator; -1 where none has one.
+    int last_action() const {
+        return action_.empty() ? -1 : *std::max_element(action_.begin(), action_.end());
+    }
 
 private:
     friend class RelaxedCosts;

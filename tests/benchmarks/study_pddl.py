@@ -106,12 +106,13 @@ def play(
             return
         decide = make_planner(model, PlannerSettings(name=planner))
         state = model.initial_state
-        loading, longest, ending, step = process_time() - start, 0.0, "steps", 0
-        for step in range(1, steps + 1):
+        loading, longest, ending, taken = process_time() - start, 0.0, "steps", 0
+        while taken < steps:
             before = process_time()
             if before - start > limit:
                 ending = "time"
                 break
+            taken += 1
             forecast = decide.forecast(state)
             choice = forecast.choice
             longest = max(longest, process_time() - before)
@@ -128,7 +129,7 @@ def play(
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
         into.send(
             Result(
-                ending, step, len(model.actions), len(model.fluents), loading, longest,
+                ending, taken, len(model.actions), len(model.fluents), loading, longest,
                 process_time() - start, memory,
             )
         )  # fmt: skip

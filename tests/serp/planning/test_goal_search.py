@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp._core import Relaxation, find_way
+from serp._core import Relaxation, WaySearch
 from serp.agent.registry import far_sight
 from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
@@ -109,7 +109,7 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
     sound = {
         "fluents": 2,
         "comparisons": [([(1, 2.0)], -3.0, False)],
-        "operators": [([0, 0, 2], 1.0, [(4, 0.5), (1, 0.0)])],
+        "operators": [([0, 0, 2], 1.0, [(4, 0.5, -1), (1, 0.0, -1)], 0)],
         "ways": [[4]],
     }
     # The operator is applied 6 times; in the other state it lacks that fluent 1 is 0.
@@ -117,11 +117,14 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
     assert Relaxation(**sound).estimate(np.array([0.0, 1.0])) == (np.inf, 1)
     for wrong in (
         {"comparisons": [([(2, 2.0)], -3.0, False)]},
-        {"operators": [([5], 1.0, [])]},
-        {"operators": [([-1], 1.0, [])]},
-        {"operators": [([], 1.0, [(5, 0.0)])]},
-        {"operators": [([], 1.0, [(3, 0.5)])]},  # not a comparison
-        {"operators": [([], -1.0, [])]},
+        {"operators": [([5], 1.0, [], 0)]},
+        {"operators": [([-1], 1.0, [], 0)]},
+        {"operators": [([], 1.0, [(5, 0.0, -1)], 0)]},
+        {"operators": [([], 1.0, [(3, 0.5, -1)], 0)]},  # not a comparison
+        {"operators": [([], -1.0, [], 0)]},
+        {"operators": [([], 1.0, [(4, 0.0, 5)], 0)]},
+        {"operators": [([], 1.0, [(4, 0.0, 0)], 0)]},  # not a comparison
+        {"operators": [([], 1.0, [], -2)]},
         {"ways": [[0], [5]]},
         {"fluents": -1},
     ):
@@ -135,9 +138,11 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
         (tables, [], np.zeros(3)),
         (tables, [4], np.zeros(4)),
         (tables, [-1], np.zeros(4)),
+        (Relaxation(4, [], [([], 1.0, [], 9)], []), [], np.zeros(4)),
     ):
-        with pytest.raises(ValueError, match="fluent"):
-            find_way(core, relaxation, np.array(inert, np.int64), False, 0.0, state, 10)
+        with pytest.raises(ValueError, match=r"fluent|action|numbers"):
+            search = WaySearch(core, relaxation, np.array(inert, np.int64), False, 0.0, False)
+            search.search(state, 10)
 
 
 @pytest.mark.parametrize("seed", range(40))
