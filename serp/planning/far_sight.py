@@ -185,7 +185,10 @@ class FarSightPlanner:
             return None
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
-        return self.graph.forecast(state)
+        forecast = self.graph.forecast(state)
+        if forecast is not None:  # else costs make the graph's edge attractive: the way is followed
+            self.goal_search.forget()
+        return forecast
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         lookahead, visited, cells = self._lookahead, self.visited, self.cells

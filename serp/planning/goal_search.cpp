@@ -82,8 +82,8 @@ public:
     virtual std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) = 0;
     /// Returns the states [N * F] on the way to the goal that was found, but the last one.
     virtual std::vector<double> way() const = 0;
-    /// Returns the action that leads from a state [F] to the state of the least cost that is known;
-    /// -1 where there is none.
+    /// Returns the action that leads from a state [F] to the goal, where a way was found, else to
+    /// the state of the least cost that is known; -1 where there is none.
     virtual int toward(const double* state) = 0;
     /// Returns the least cost of all states of the tree; infinite where the goal is out of reach.
     virtual double least() const = 0;
@@ -137,7 +137,7 @@ private:
     Queue by_novelty_{greedy_}, by_cost_{greedy_};  ///< of all nodes
     Queue helped_{greedy_};             ///< of those that a helpful action leads to, by cost
     std::optional<Seen> seen_;
-    int root_ = -1, best_ = -1, goal_ = -1;
+    int root_ = -1, best_ = -1, goal_ = -1, last_ = -1;
     double least_ = std::numeric_limits<double>::infinity();
     std::int64_t turn_ = 0;
     bool full_ = false;
@@ -169,7 +169,7 @@ void Tree<Number>::enter(const double* row) {
     left_.clear(), done_.clear();
     by_novelty_ = Queue(greedy_), by_cost_ = Queue(greedy_), helped_ = Queue(greedy_);
     if (!greedy_) seen_.emplace();
-    root_ = 0, best_ = -1, turn_ = 0, full_ = false;
+    root_ = 0, best_ = -1, goal_ = -1, turn_ = 0, full_ = false;
     least_ = std::numeric_limits<double>::infinity();
     std::vector<double> source(row, row + width_);
     add(source.data(), -1, -1);
@@ -304,7 +304,7 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
             if (!(flags & TERMINAL)) {
                 goes_on |= add(target.data(), node, action);
             } else if (target[width_] > 0.0) {
-                goal_ = node, done_[node] = 0;
+                goal_ = best_ = node, last_ = action, least_ = 0.0, done_[node] = 0;
                 return {followed, true};
             }
         }
@@ -332,6 +332,7 @@ template <class Number>
 int Tree<Number>::toward(const double* row) {
     const int from = root_ < 0 ? -1 : find(row);
     if (from < 0 || !reached(from)) return -1;
+    if (from == goal_) return last_;
     for (int node = best_; node >= 0 && node != root_; node = parent_[node])
         if (parent_[node] == from) return action_[node];
     return -1;

@@ -252,6 +252,7 @@ class GoalSearch:
         self._relaxed: Relaxation | None = None
         self._trees: list[WaySearch] = []
         self._calls: list[tuple[Vector, int]] = []
+        self._found = False
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -262,7 +263,7 @@ class GoalSearch:
 
     def forget(self) -> None:
         """Begin anew with the next search."""
-        self._trees, self._calls = [], []
+        self._trees, self._calls, self._found = [], [], False
 
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
@@ -274,15 +275,15 @@ class GoalSearch:
         self.steps = 0
         if self._relaxed is None:
             return None
+        if self._found:
+            self.forget()
         trees = self._grown()
         self._calls.append((state.copy(), limit))
         self.steps, way = self._search(trees, state, limit)
-        if way is not None:
-            self.forget()
         return way
 
     def toward(self, state: Vector) -> int:
-        """Return the action toward the state of the least cost that is known; -1: none."""
+        """Return the action toward the goal, or the state of the least known cost; -1: none."""
         if not self._calls:
             return -1
         trees = sorted(self._grown(), key=lambda tree: tree.least)
@@ -311,6 +312,7 @@ class GoalSearch:
                 steps, way = tree.search(state, max(1, limit // len(trees)))
                 followed += steps
                 if way is not None:
+                    self._found = True
                     return followed, way
         except MemoryError:  # no way was found
             self.forget()
