@@ -27,6 +27,9 @@ namespace serp {
 
 namespace {
 
+/// Updates of relaxed costs, pairs of values, and sixteenths of actions tried that take as long as an
+/// edge that is followed.
+constexpr std::int64_t WORK = 1'024;
 /// Most bytes in the states of a search.
 constexpr std::int64_t MAX_BYTES = 320'000'000;
 
@@ -78,7 +81,7 @@ class WaySearch {
 public:
     virtual ~WaySearch() = default;
     /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
-    /// `limit` edges; returns their number, and whether the goal was reached.
+    /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
     virtual std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) = 0;
     /// Returns the states [N * F] on the way to the goal that was found, but the last one.
     virtual std::vector<double> way() const = 0;
@@ -139,7 +142,7 @@ private:
     std::optional<Seen> seen_;
     int root_ = -1, best_ = -1, goal_ = -1, last_ = -1;
     double least_ = std::numeric_limits<double>::infinity();
-    std::int64_t turn_ = 0;
+    std::int64_t turn_ = 0, work_ = 0;
     bool full_ = false;
     std::vector<Digest> atoms_;         ///< [F] scratch memory
     std::vector<std::uint8_t> helpful_; ///< [A] scratch memory
@@ -210,6 +213,7 @@ bool Tree<Number>::add(double* row, int parent, int action) {
     }
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
     const auto [cost, left] = costs_.estimate(row);
+    work_ += costs_.updates();
     cost_.push_back(std::max(cost, 0.0));  // rounding may make it negative
     left_.push_back(left);
     const bool alive = cost < std::numeric_limits<double>::infinity();
@@ -259,6 +263,7 @@ int Tree<Number>::novelty(int node) {
     const int changed = count;
     for (int i = 0; i < width_ && !everything; ++i)
         if (row[i] != 0 && row[i] == former[i]) remember(i);
+    work_ += std::int64_t{changed} * count;
     bool single = false, pair = false;
     for (int k = 0; k < changed; ++k) single |= seen_->add(atoms_[k]);
     for (int k = 0; k < changed; ++k)
@@ -282,7 +287,9 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
     enter(row);
     goal_ = -1;
     std::int64_t followed = 0;
-    while (followed < limit) {
+    work_ = 0;
+    const auto spent = [&] { return followed + work_ / WORK; };
+    while (spent() < limit) {
         const int node = next();
         if (node < 0) break;
         if (nodes() > most) {
@@ -296,6 +303,7 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
         costs_.mark_helpful(helpful_);
         stepper->from(source.data());
         bool goes_on = false;
+        work_ += 16 * actions;
         for (int action = 0; action < actions; ++action) {
             const Flags flags = stepper->step(action, target.data());
             if (!(flags & APPLICABLE)) continue;
@@ -305,7 +313,7 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
                 goes_on |= add(target.data(), node, action);
             } else if (target[width_] > 0.0) {
                 goal_ = best_ = node, last_ = action, least_ = 0.0, done_[node] = 0;
-                return {followed, true};
+                return {spent(), true};
             }
         }
         if (!goes_on && node == best_) best_ = -1;
@@ -314,7 +322,7 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
         while ((best_ = by_cost_.peek()) >= 0 && (done_[best_] || !reached(best_)))
             by_cost_.next();
     }
-    return {followed, false};
+    return {spent(), false};
 }
 
 template <class Number>

@@ -145,12 +145,14 @@ void RelaxedCosts::begin(const double* state) {
 
 RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
     begin(state);
+    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(relaxation_.needs_.size());
     while (start_ != end_) {
         const int fact = queue_[start_];
         if (++start_ == queue_.size()) start_ = 0;
         queued_[fact] = 0;
         const double before = passed_[fact], cost = cost_[fact];
         passed_[fact] = cost;
+        updates_ += 4 * static_cast<std::int64_t>(relaxation_.users_[fact].size());
         for (const int user : relaxation_.users_[fact]) {
             if (before == INFINITE) {
                 --missing_[user];

@@ -91,6 +91,9 @@ public:
     /// Returns the estimate for a state [F].
     Estimate estimate(const double* state);
 
+    /// Returns how many costs of operators the newest estimate updated.
+    std::int64_t updates() const { return updates_; }
+
     /// Marks the helpful actions of the state that was estimated last: those of the relaxed plan, by
     /// the cheapest operator for each fact, that need no other one (Hoffmann & Nebel, 2001).
     void mark_helpful(std::vector<std::uint8_t>& actions);
@@ -111,6 +114,7 @@ private:
     std::vector<double> sums_;     ///< of each operator: costs of the others
     std::vector<int> by_;          ///< of each fact: the operator that makes it true at its cost
     std::vector<int> plan_;        ///< scratch: facts of a relaxed plan
+    std::int64_t updates_ = 0;
     std::size_t cheapest_ = 0;     ///< the way of the least cost
     std::size_t start_ = 0, end_ = 0;  ///< of the ring
 };
