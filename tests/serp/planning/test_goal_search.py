@@ -77,6 +77,44 @@ def test_numbers_without_bounds_are_followed_in_the_right_direction():
     assert GoalSearch(boat(1e9), SETTINGS).way(way[0], 2_000) is None
 
 
+def test_a_search_goes_on_where_the_world_follows_it():
+    model = boat(120.0)
+    search, state = GoalSearch(model, SETTINGS), model.initial_state
+    for _ in range(40):
+        if search.way(state, 60) is not None:
+            break
+        resumed = GoalSearch(model, SETTINGS)
+        resumed.load_state_dict(search.state_dict())
+        assert resumed.least == search.least
+        while (action := search.toward(state)) >= 0:
+            assert resumed.toward(state) == action
+            state = model.step(state, action).state
+    assert search.toward(state) >= 0  # the way that was found
+    for _ in range(200):
+        outcome = model.step(state, search.toward(state))
+        state = outcome.state
+        if outcome.terminal:
+            break
+    assert outcome.terminal and outcome.reward > 0.0
+
+
+def test_what_is_added_may_depend_on_the_state():
+    domain = (
+        "(define (domain d) (:functions (x) (v))"
+        " (:action push :effect (and (increase (v) 1)))"
+        " (:action move :effect (and (increase (x) (* 2 (v))))))"
+    )
+    problem = "(define (problem p) (:domain d) (:init (= (x) 0) (= (v) 0)) (:goal (and {})))"
+    for goal, estimates in (
+        ("(>= (x) 12)", {(0, 0): 7.0, (0, 1): 6.0, (0, 3): 2.0, (10, 1): 1.0, (12, 0): 0.0}),
+        ("(not (= (x) 4))", {(4, 0): 2.0, (4, 1): 1.0, (3, 0): 0.0}),
+    ):
+        model = load_texts(Texts(domain, problem.format(goal))).model
+        relaxation = relaxed(model.ground, model.theta.tolist())
+        for numbers, cost in estimates.items():
+            assert relaxation.estimate(np.array(numbers, float))[0] == cost
+
+
 def test_a_way_is_safe_and_a_domain_without_a_goal_has_none():
     domain = (
         "(define (domain d) (:predicates (unsafe) (terminal)) (:functions (x) (reward))"
