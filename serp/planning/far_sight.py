@@ -18,7 +18,6 @@ from serp.planning.cell_graph import CellGraph
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.forecast import Bound, Forecast, advised, score_of
 from serp.planning.goal_search import GoalSearch
-from serp.planning.inert import inert_fluents
 from serp.planning.lookahead import Lookahead, near_lookahead
 from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
@@ -35,7 +34,7 @@ _PATIENCE: Final = 16
 """After a search that found no way, the next one comes after so many times as many decisions, with
 so many times as many edges."""
 _ATTEMPTS: Final = 4
-"""So many times as much work is done before a step that cannot be taken back."""
+"""So many times as much work is done before a way that may lead elsewhere is followed."""
 _GROWN: Final = 1.1
 """The cells are found again when so many times as many states were visited."""
 
@@ -184,7 +183,7 @@ class FarSightPlanner:
         for _ in range(_ATTEMPTS):
             way = search.way(state, MAX_EDGES)
             edges += search.steps
-            if way is not None or search.steps < MAX_EDGES or self._returns(state):
+            if way is not None or search.steps < MAX_EDGES:
                 break
         search.steps = edges
         if way is None:
@@ -198,19 +197,6 @@ class FarSightPlanner:
         if forecast is not None:  # else costs make the graph's edge attractive: the way is followed
             self.goal_search.forget()
         return forecast
-
-    def _returns(self, state: Vector) -> bool:
-        """Return whether one action leads back from where the search for the goal leads."""
-        model, action = self.model, self.goal_search.toward(state)
-        if action < 0:
-            return True
-        there = model.step(state, action).state
-        fluents = np.setdiff1d(np.arange(len(state)), inert_fluents(model))
-        steps = (model.transition(there.tolist(), back) for back in range(len(model.actions)))
-        return any(
-            flags & APPLICABLE and (np.array(out)[fluents] == state[fluents]).all()
-            for out, flags in steps
-        )
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         lookahead, visited, cells = self._lookahead, self.visited, self.cells
