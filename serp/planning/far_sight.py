@@ -16,9 +16,9 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import UNKNOWN, TransitionModel, Vector
 from serp.planning.cell_graph import CellGraph
 from serp.planning.closed_graph import MAX_EDGES, ClosedGraph
-from serp.planning.forecast import Bound, Forecast, score_of
+from serp.planning.forecast import Bound, Forecast, advised, score_of
 from serp.planning.goal_search import GoalSearch
-from serp.planning.lookahead import Lookahead
+from serp.planning.lookahead import Lookahead, near_lookahead
 from serp.planning.preference import free_of_risk
 from serp.settings import PlannerSettings
 
@@ -33,6 +33,8 @@ _SMALL_GRAPH: Final = 20_000
 _PATIENCE: Final = 16
 """After a search that found no way, the next one comes after so many times as many decisions, with
 so many times as many edges."""
+_ATTEMPTS: Final = 4
+"""So many times as much work is done before a way that may lead elsewhere is followed."""
 _GROWN: Final = 1.1
 """The cells are found again when so many times as many states were visited."""
 
@@ -63,7 +65,7 @@ class FarSightPlanner:
         self.graph = ClosedGraph(model, settings)
         self.goal_search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings)
-        self._lookahead = Lookahead(model, settings)
+        self._lookahead, self._near = Lookahead(model, settings), near_lookahead(model, settings)
         self._followed = self._lookahead.followed
         self._revision = model.revision
         self._new_episode = True
@@ -75,6 +77,7 @@ class FarSightPlanner:
     def begin_episode(self) -> None:
         """Say that another episode begins, perhaps in another world, which is searched anew."""
         self._new_episode = True
+        self.goal_search.forget()
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`; a decision that was checked has earned already."""
@@ -82,9 +85,14 @@ class FarSightPlanner:
             self._earn()
         self._checked = None
         forecast = self._forecast_by_graph(state)
-        if forecast is None and self._may_search(state):
+        if forecast is None and self.goal_search.toward(state) < 0 and self._may_search(state):
             forecast = self._search(state)
-        return forecast if forecast is not None else self._forecast_by_cells(state)
+        if forecast is not None:
+            return forecast
+        action = self.goal_search.toward(state)
+        if action >= 0:
+            return advised(self._near.forecast(state), action)
+        return self._forecast_by_cells(state)
 
     def check_safety(self, state: Vector) -> Forecast | None:
         """Return which actions are safe in a state `[F]`; None where that takes a forecast.
@@ -113,6 +121,7 @@ class FarSightPlanner:
         if self.model.revision != self._revision and (self._saved >= 0 or not self.graph.nodes):
             self._revision = self.model.revision
             self.graph.clear()
+            self.goal_search.forget()
         return self.graph.forecast(state)
 
     @contextlib.contextmanager
@@ -125,15 +134,20 @@ class FarSightPlanner:
 
     def _may_search(self, state: Vector) -> bool:
         """Return whether a search is due: between numbers that are not whole most find nothing."""
-        if not _whole(state):
+        if not self._symbolic(state):
             return self._since >= self._wait and self._saved >= self._price
         if self._new_episode:
             self._since, self._wait = 1, 0
         return self._since >= self._wait
 
+    def _symbolic(self, state: Vector) -> bool:
+        """Return whether a search is likely to find the goal: in the file, or all is whole."""
+        return self.model.ground.goal is not None or bool((state == np.rint(state)).all())
+
     def _search(self, state: Vector) -> Forecast | None:
         """Grow the closed graph, or the graph around a way to the goal; return its forecast."""
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
+        least = np.inf if self._new_episode else self.goal_search.least
         self._new_episode, edges = False, 0
         if not graph.complete:
             graph.clear()
@@ -146,12 +160,14 @@ class FarSightPlanner:
                 break
             graph.clear()
         # In a symbolic domain a graph spreads where many actions are applicable in any order.
-        hopeless = graph.spreads and not _whole(state)
+        hopeless = graph.spreads and not self._symbolic(state)
         if self.goal_search.goal and not (graph.complete or hopeless or graph.ends(state)):
             forecast = self._around_way(state, forecast)
             edges += self.goal_search.steps + graph.edges
         self._saved = max(self._saved, 0) - edges
-        if forecast is None:
+        if forecast is None and self.goal_search.least < least:  # that earns the next search
+            self._price, self._since, self._wait = limit, 0, 0
+        elif forecast is None:
             self._price, self._wait = limit, _PATIENCE * self._since
         else:
             self._price, self._since, self._wait = edges, 0, 0
@@ -163,7 +179,13 @@ class FarSightPlanner:
         Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
         Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
         """
-        way = self.goal_search.way(state, MAX_EDGES)
+        search, edges = self.goal_search, 0
+        for _ in range(_ATTEMPTS):
+            way = search.way(state, MAX_EDGES)
+            edges += search.steps
+            if way is not None or search.steps < MAX_EDGES:
+                break
+        search.steps = edges
         if way is None:
             if forecast is None or forecast.value[forecast.choice] > 0.0:
                 return forecast
@@ -171,7 +193,10 @@ class FarSightPlanner:
             return None
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
-        return self.graph.forecast(state)
+        forecast = self.graph.forecast(state)
+        if forecast is not None:  # else costs make the graph's edge attractive: the way is followed
+            self.goal_search.forget()
+        return forecast
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         lookahead, visited, cells = self._lookahead, self.visited, self.cells
@@ -217,6 +242,7 @@ class FarSightPlanner:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         cells, meta = self.cells.state_dict()
         arrays = nested("graph", self.graph.state_dict()) | nested("cells", cells)
+        arrays |= nested("goal", self.goal_search.state_dict())
         meta |= {name: getattr(self, f"_{name}") for name in _COUNTS}
         return arrays, meta | {"saved": self._saved, "new_episode": self._new_episode}
 
@@ -228,6 +254,7 @@ class FarSightPlanner:
         """
         saved = Saved("planner", arrays, meta)
         self.graph.load_state_dict(part_of(arrays, "graph"))
+        self.goal_search.load_state_dict(part_of(arrays, "goal"))
         for name in _COUNTS:
             setattr(self, f"_{name}", saved.whole(name))
         self._saved = saved.whole("saved", -MOST, _MOST_SAVED)
@@ -236,7 +263,3 @@ class FarSightPlanner:
 
 
 _COUNTS: Final = ("since", "wait", "price", "cells_at", "cells_price", "followed", "revision")
-
-
-def _whole(state: Vector) -> bool:
-    return all(map(float.is_integer, state.tolist()))

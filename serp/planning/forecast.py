@@ -142,3 +142,26 @@ def score_of(of: Any, action: int) -> PathScore:
     """Return the score of the best path that begins with an action, by a kind of forecast."""
     rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
     return path_score(rank, float(of.path_risk[action]), steps, float(of.value[action]))
+
+
+def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
+    """Return a forecast whose choice is the advised action, unless another one risks less.
+
+    Args:
+        found: The planner's own forecast, which knows the risks.
+        action: Position of the advised ground action; -1: none.
+        worth: Discounted sum of rewards that it leads to, if that is known. Its value is at least
+            a little larger than those of all others.
+    """
+    if action < 0 or not found.flags[action] & APPLICABLE:
+        return found
+    others = np.delete(found.value, action)
+    best = others[np.isfinite(others)].max(initial=-np.inf)
+    value = found.value.copy()
+    value[action] = max(value[action], worth)
+    if np.isfinite(best):
+        value[action] = max(value[action], best + 1e-9 * max(1.0, abs(best)))
+    claimed = found._replace(value=value)
+    if score_of(claimed, action) < score_of(claimed, found.choice):
+        return found
+    return claimed._replace(choice=action)

@@ -1,14 +1,19 @@
-// The search for a way to the goal, with two queues: one by novelty, one by relaxed cost.
+// The search for a way to the goal: queues by novelty, by relaxed cost, and of helpful actions.
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/unique_ptr.h>
 
 #include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <limits>
+#include <memory>
 #include <new>
 #include <optional>
+#include <queue>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -22,42 +27,36 @@ namespace serp {
 
 namespace {
 
-/// States that lack more conditions of the goal than this are taken to lack as many.
-constexpr int MOST_LEFT = 100;
-/// Queues of both orders; the last one by cost has all states from which the goal costs more.
-constexpr int BY_NOVELTY = 3 * (MOST_LEFT + 1), BY_COST = 2'000;
+/// Updates of relaxed costs, pairs of values, and sixteenths of actions tried that take as long as an
+/// edge that is followed.
+constexpr std::int64_t WORK = 1'024;
 /// Most bytes in the states of a search.
 constexpr std::int64_t MAX_BYTES = 320'000'000;
 
-/// Queues of nodes. Every node is appended to one of them, in the order of the nodes.
-class Queues {
+/// Nodes in the order of a rank and a cost; of equal ones the first comes first, or the last.
+class Queue {
 public:
-    explicit Queues(int count) : first_(count, -1), last_(count, -1), lowest_(count) {}
+    explicit Queue(bool last_first) : step_(last_first ? -1 : 1) {}
 
-    void append(int queue, int node) {
-        following_.push_back(-1);
-        if (first_[queue] < 0)
-            first_[queue] = node;
-        else
-            following_[last_[queue]] = node;
-        last_[queue] = node;
-        lowest_ = std::min(lowest_, queue);
+    void append(int rank, double cost, int node) {
+        nodes_.push({rank, cost, count_, node});
+        count_ += step_;
     }
 
-    /// Removes and returns the next node of the first queue that has one; -1 where none has.
+    /// Returns the next node; -1 where there is none.
+    int peek() const { return nodes_.empty() ? -1 : std::get<3>(nodes_.top()); }
+
+    /// Removes and returns the next node; -1 where there is none.
     int next() {
-        for (; lowest_ < static_cast<int>(first_.size()); ++lowest_) {
-            const int node = first_[lowest_];
-            if (node < 0) continue;
-            first_[lowest_] = following_[node];
-            return node;
-        }
-        return -1;
+        const int node = peek();
+        if (node >= 0) nodes_.pop();
+        return node;
     }
 
 private:
-    std::vector<std::int32_t> first_, last_, following_;
-    int lowest_;  ///< no queue before this one has a node
+    using Entry = std::tuple<int, double, std::int32_t, std::int32_t>;
+    std::priority_queue<Entry, std::vector<Entry>, std::greater<>> nodes_;
+    std::int32_t count_ = 0, step_;
 };
 
 /// A set of values and pairs of values, as bits at their hashes.
@@ -77,77 +76,179 @@ private:
     std::vector<Digest> words_ = std::vector<Digest>(std::size_t{1} << (BITS - 6));
 };
 
-/// A search tree. `Number` is the type of the numbers in its states: bytes where all are 0 or 1.
-template <class Number>
+/// A search for a way to the goal that can be gone on with while the world follows it.
 class WaySearch {
 public:
-    /// `followed` receives the number of edges that were followed.
-    WaySearch(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
-              double accepted_risk, std::int64_t& followed)
-        : model_(model), width_(model.fluents()), inert_(std::move(inert)),
-          accepted_risk_(accepted_risk), followed_(followed), costs_(relaxation), atoms_(width_) {}
+    virtual ~WaySearch() = default;
+    /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
+    /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
+    virtual std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) = 0;
+    /// Returns the states [N * F] on the way to the goal that was found, but the last one.
+    virtual std::vector<double> way() const = 0;
+    /// Returns the action that leads from a state [F] to the goal, where a way was found, else to
+    /// the state of the least cost that is known; -1 where there is none.
+    virtual int toward(const double* state) = 0;
+    /// Returns the least cost of all states of the tree; infinite where the goal is out of reach.
+    virtual double least() const = 0;
+    virtual int fluents() const = 0;
+};
 
-    /// Searches from a state [F] for an edge that reaches the goal, and follows at most about
-    /// `limit` edges. Returns the node that the edge leaves; -1 where none was found.
-    int search(const double* root, std::int64_t limit);
+/// A search tree. `Number` is the type of the numbers in its states: bytes where all are 0 or 1.
+template <class Number>
+class Tree final : public WaySearch {
+public:
+    Tree(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
+         double accepted_risk, bool greedy)
+        : greedy_(greedy), model_(model), width_(model.fluents()), inert_(std::move(inert)),
+          accepted_risk_(accepted_risk), costs_(relaxation), atoms_(width_),
+          helpful_(model.actions()) {}
 
-    /// Returns the states [N * F] on the way to a node.
-    std::vector<double> way(int node) const;
+    std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) override;
+    std::vector<double> way() const override;
+    int toward(const double* state) override;
+    double least() const override { return least_; }
+    int fluents() const override { return width_; }
 
 private:
     int nodes() const { return static_cast<int>(parent_.size()); }
     const Number* state(int node) const {
         return states_.data() + static_cast<std::size_t>(node) * width_;
     }
-    void add(double* row, int parent);
+    int find(const double* row) const;
+    void enter(const double* row);
+    bool add(double* row, int parent, int action);
+    void open(int node);
+    bool reached(int node);
+    int next();
     int novelty(int node);
 
+    const bool greedy_;
     const Model& model_;
     int width_;
     std::vector<std::int64_t> inert_;
     double accepted_risk_;
-    std::int64_t& followed_;
     RelaxedCosts costs_;
 
     HashTable table_;                   ///< nodes by their states
     std::vector<Number> states_;        ///< [N * F], inert fluents are 0
     std::vector<std::int32_t> parent_;  ///< [N] node that each was reached from; -1 of the root
-    std::vector<std::uint8_t> left_;    ///< [N] conditions of the goal that do not hold
+    std::vector<std::int32_t> action_;  ///< [N] by which action
+    std::vector<std::int32_t> known_;   ///< [N] 2 x root + whether the root leads to the node
+    std::vector<double> cost_;          ///< [N] relaxed cost
+    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
-    Queues by_novelty_{BY_NOVELTY}, by_cost_{BY_COST};
-    Seen seen_;
+    Queue by_novelty_{greedy_}, by_cost_{greedy_};  ///< of all nodes
+    Queue helped_{greedy_};             ///< of those that a helpful action leads to, by cost
+    std::optional<Seen> seen_;
+    int root_ = -1, best_ = -1, goal_ = -1, last_ = -1;
+    double least_ = std::numeric_limits<double>::infinity();
+    std::int64_t turn_ = 0, work_ = 0;
+    bool full_ = false;
     std::vector<Digest> atoms_;         ///< [F] scratch memory
+    std::vector<std::uint8_t> helpful_; ///< [A] scratch memory
 };
 
-/// Adds a node with a state [F] if there is none; inert fluents become 0.
 template <class Number>
-void WaySearch<Number>::add(double* row, int parent) {
+int Tree<Number>::find(const double* row) const {
+    std::vector<double> source(row, row + width_);
+    for (const auto fluent : inert_) source[fluent] = 0.0;
+    return table_.find(digest_of_row(source.data(), width_), [&](int other) {
+        return std::equal(source.begin(), source.end(), state(other));
+    });
+}
+
+/// Makes a state the root: what it does not lead to is left out from now on. A tree that does not
+/// hold the state, or has no room left, begins anew.
+template <class Number>
+void Tree<Number>::enter(const double* row) {
+    const int node = root_ < 0 || full_ ? -1 : find(row);
+    if (node >= 0 && reached(node)) {
+        parent_[node] = -1;
+        root_ = node;
+        return;
+    }
+    table_.clear();
+    states_.clear(), parent_.clear(), action_.clear(), known_.clear(), cost_.clear();
+    left_.clear(), done_.clear();
+    by_novelty_ = Queue(greedy_), by_cost_ = Queue(greedy_), helped_ = Queue(greedy_);
+    if (!greedy_) seen_.emplace();
+    root_ = 0, best_ = -1, goal_ = -1, turn_ = 0, full_ = false;
+    least_ = std::numeric_limits<double>::infinity();
+    std::vector<double> source(row, row + width_);
+    add(source.data(), -1, -1);
+}
+
+/// Returns whether the root leads to a node.
+template <class Number>
+bool Tree<Number>::reached(int node) {
+    int at = node;
+    while (at >= 0 && at != root_ && known_[at] / 2 != root_ + 1) at = parent_[at];
+    const int known = 2 * (root_ + 1) + (at == root_ || (at >= 0 && known_[at] % 2));
+    for (int on = node; on != at; on = parent_[on]) known_[on] = known;
+    return known % 2;
+}
+
+/// Adds a node with a state [F] if there is none; inert fluents become 0. Returns whether there is
+/// something new to expand.
+template <class Number>
+bool Tree<Number>::add(double* row, int parent, int action) {
     for (const auto fluent : inert_) row[fluent] = 0.0;
     const int node = nodes();
     const int found = table_.find_or_add(
         digest_of_row(row, width_), node,
         [&](int other) { return std::equal(row, row + width_, state(other)); },
         [&](int other) { return digest_of_row(state(other), width_); });
-    if (found != node) return;
+    if (found != node) {
+        if (reached(found)) return true;
+        // The root does not lead there by the way that was known.
+        parent_[found] = parent, action_[found] = action, known_[found] = 0, done_[found] = 0;
+        open(found);
+        return true;
+    }
     for (int i = 0; i < width_; ++i) {
         if constexpr (sizeof(Number) == 1)
             states_.push_back(row[i] != 0.0);
         else
             states_.push_back(row[i]);
     }
-    parent_.push_back(parent);
-    done_.push_back(0);
+    parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
     const auto [cost, left] = costs_.estimate(row);
-    left_.push_back(static_cast<std::uint8_t>(std::min(left, MOST_LEFT)));
-    by_novelty_.append((novelty(node) - 1) * (MOST_LEFT + 1) + left_[node], node);
-    // Rounding may make a sum of large and small costs negative.
-    by_cost_.append(cost > 0.0 ? static_cast<int>(std::min(cost, BY_COST - 1.0)) : 0, node);
+    work_ += costs_.updates();
+    cost_.push_back(std::max(cost, 0.0));  // rounding may make it negative
+    left_.push_back(left);
+    const bool alive = cost < std::numeric_limits<double>::infinity();
+    if (alive || parent < 0) open(node);
+    return alive;
+}
+
+/// Appends a node to the queues.
+template <class Number>
+void Tree<Number>::open(int node) {
+    if (!greedy_) by_novelty_.append(novelty(node), left_[node], node);
+    by_cost_.append(0, cost_[node], node);
+    if (action_[node] >= 0 && helpful_[action_[node]]) helped_.append(0, cost_[node], node);
+    if (cost_[node] >= least_) return;
+    least_ = cost_[node];
+    if (node != root_) best_ = node;
+}
+
+/// Removes and returns the next node to expand, of two queues in turn; -1 where none is left.
+template <class Number>
+int Tree<Number>::next() {
+    Queue& all = greedy_ ? by_cost_ : by_novelty_;
+    for (int empty = 0; empty < 2;) {
+        const int node = (turn_ % 2 ? helped_ : all).next();
+        empty = node < 0 ? empty + 1 : 0;
+        if (node < 0 || (!done_[node] && reached(node))) ++turn_;
+        if (node >= 0 && !done_[node] && reached(node)) return node;
+    }
+    return -1;
 }
 
 /// Returns the novelty of a node, and remembers its values and pairs: 1 where a value is new among
 /// the states that lack as many conditions of the goal, 2 where a pair of values is, else 3.
 template <class Number>
-int WaySearch<Number>::novelty(int node) {
+int Tree<Number>::novelty(int node) {
     const int parent = parent_[node];
     const bool everything = parent < 0 || left_[parent] != left_[node];
     const Digest group = mixed(START, left_[node]);
@@ -162,94 +263,105 @@ int WaySearch<Number>::novelty(int node) {
     const int changed = count;
     for (int i = 0; i < width_ && !everything; ++i)
         if (row[i] != 0 && row[i] == former[i]) remember(i);
+    work_ += std::int64_t{changed} * count;
     bool single = false, pair = false;
-    for (int k = 0; k < changed; ++k) single |= seen_.add(atoms_[k]);
+    for (int k = 0; k < changed; ++k) single |= seen_->add(atoms_[k]);
     for (int k = 0; k < changed; ++k)
         for (int j = k + 1; j < count; ++j) {
             const auto [low, high] = std::minmax(atoms_[k], atoms_[j]);
-            pair |= seen_.add(finished(mixed(low, high)));
+            pair |= seen_->add(finished(mixed(low, high)));
         }
     return single ? 1 : pair ? 2 : 3;
 }
 
 template <class Number>
-int WaySearch<Number>::search(const double* root, std::int64_t limit) {
+std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64_t limit) {
     const int actions = model_.actions();
-    const std::int64_t most = std::min({limit, MAX_BYTES / (std::max(1, width_) *
-                                                            static_cast<std::int64_t>(sizeof(Number))),
-                                        std::int64_t{std::numeric_limits<std::int32_t>::max()} -
-                                            actions - 1});
+    const std::int64_t most = std::min(MAX_BYTES / (std::max(1, width_) *
+                                                    static_cast<std::int64_t>(sizeof(Number)) + 64),
+                                       std::int64_t{std::numeric_limits<std::int32_t>::max()} / 2 -
+                                           actions - 2);
     const auto stepper = model_.stepper();
-    std::vector<double> source(root, root + width_), target(width_ + 1);
-    add(source.data(), -1);
-    for (std::int64_t expanded = 0; followed_ < limit; ++expanded) {
-        int node;
-        do node = (expanded % 2 ? by_cost_ : by_novelty_).next();
-        while (node >= 0 && done_[node]);
-        if (node < 0 || nodes() > most + 1) break;
+    std::vector<double> source(width_), target(width_ + 1);
+    std::fill(helpful_.begin(), helpful_.end(), 0);
+    enter(row);
+    goal_ = -1;
+    std::int64_t followed = 0;
+    work_ = 0;
+    const auto spent = [&] { return followed + work_ / WORK; };
+    while (spent() < limit) {
+        const int node = next();
+        if (node < 0) break;
+        if (nodes() > most) {
+            full_ = true;
+            break;
+        }
         done_[node] = 1;
         std::copy_n(state(node), width_, source.begin());
+        costs_.estimate(source.data());
+        std::fill(helpful_.begin(), helpful_.end(), 0);
+        costs_.mark_helpful(helpful_);
         stepper->from(source.data());
+        bool goes_on = false;
+        work_ += 16 * actions;
         for (int action = 0; action < actions; ++action) {
             const Flags flags = stepper->step(action, target.data());
             if (!(flags & APPLICABLE)) continue;
-            ++followed_;
+            ++followed;
             if (step_risk(flags, accepted_risk_) > 0.0) continue;
-            if (!(flags & TERMINAL))
-                add(target.data(), node);
-            else if (target[width_] > 0.0)
-                return node;
+            if (!(flags & TERMINAL)) {
+                goes_on |= add(target.data(), node, action);
+            } else if (target[width_] > 0.0) {
+                goal_ = best_ = node, last_ = action, least_ = 0.0, done_[node] = 0;
+                return {spent(), true};
+            }
         }
+        if (!goes_on && node == best_) best_ = -1;
     }
-    return -1;
+    if (best_ < 0 || best_ == root_ || !reached(best_)) {  // on to the best that is open
+        while ((best_ = by_cost_.peek()) >= 0 && (done_[best_] || !reached(best_)))
+            by_cost_.next();
+    }
+    return {spent(), false};
 }
 
 template <class Number>
-std::vector<double> WaySearch<Number>::way(int node) const {
+std::vector<double> Tree<Number>::way() const {
     std::vector<int> nodes;
-    for (; node >= 0; node = parent_[node]) nodes.push_back(node);
+    for (int node = goal_; node >= 0; node = node == root_ ? -1 : parent_[node])
+        nodes.push_back(node);
     std::vector<double> states;
     for (auto at = nodes.rbegin(); at != nodes.rend(); ++at)
         states.insert(states.end(), state(*at), state(*at) + width_);
     return states;
 }
 
-// For Python ---------------------------------------------------------------------------------------
-
-/// Returns the states [N, F] on a way; none where none was found.
 template <class Number>
-std::optional<Array<double>> way_of(const Model& model, const Relaxation& relaxation,
-                                    std::vector<std::int64_t> inert, double accepted_risk,
-                                    const double* state, std::int64_t limit,
-                                    std::int64_t& followed) {
-    try {
-        WaySearch<Number> tree(model, relaxation, std::move(inert), accepted_risk, followed);
-        const int node = tree.search(state, limit);
-        if (node < 0) return std::nullopt;
-        const auto width = static_cast<std::size_t>(std::max(1, model.fluents()));
-        std::vector<double> states = tree.way(node);
-        const std::size_t count = states.size() / width;
-        return array_of(std::move(states), {count, static_cast<std::size_t>(model.fluents())});
-    } catch (const std::bad_alloc&) {  // no memory: no way was found
-        return std::nullopt;
-    }
+int Tree<Number>::toward(const double* row) {
+    const int from = root_ < 0 ? -1 : find(row);
+    if (from < 0 || !reached(from)) return -1;
+    if (from == goal_) return last_;
+    for (int node = best_; node >= 0 && node != root_; node = parent_[node])
+        if (parent_[node] == from) return action_[node];
+    return -1;
 }
 
-std::pair<std::int64_t, std::optional<Array<double>>> find_way(
-    const Model& model, const Relaxation& relaxation,
-    const In<std::int64_t, nb::ndim<1>>& inert, bool binary, double accepted_risk,
-    const In<double, nb::ndim<1>>& state, std::int64_t limit) {
-    if (relaxation.fluents() != model.fluents() ||
-        state.size() != static_cast<std::size_t>(model.fluents()))
-        throw std::invalid_argument("model, relaxation and state differ in their fluents");
-    const std::vector<std::int64_t> fluents = vector_of(inert);
+// For Python ---------------------------------------------------------------------------------------
+
+std::unique_ptr<WaySearch> way_search(const Model& model, const Relaxation& relaxation,
+                                      const In<std::int64_t, nb::ndim<1>>& inert, bool binary,
+                                      double accepted_risk, bool greedy) {
+    if (relaxation.fluents() != model.fluents() || relaxation.last_action() >= model.actions())
+        throw std::invalid_argument("model and relaxation differ in their fluents or actions");
+    std::vector<std::int64_t> fluents = vector_of(inert);
     for (const auto fluent : fluents)
         if (fluent < 0 || fluent >= model.fluents())
             throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
-    std::int64_t followed = 0;
-    const auto& find = binary ? way_of<std::uint8_t> : way_of<double>;
-    auto way = find(model, relaxation, fluents, accepted_risk, state.data(), limit, followed);
-    return {followed, std::move(way)};
+    if (binary)
+        return std::make_unique<Tree<std::uint8_t>>(model, relaxation, std::move(fluents),
+                                                    accepted_risk, greedy);
+    return std::make_unique<Tree<double>>(model, relaxation, std::move(fluents), accepted_risk,
+                                          greedy);
 }
 
 }  // namespace
@@ -258,12 +370,30 @@ void bind_relaxation(nb::module_& module);
 
 void bind_goal_search(nb::module_& module) {
     bind_relaxation(module);
-    module.def(
-        "find_way", &find_way, nb::arg("model"), nb::arg("relaxation"), nb::arg("inert"),
-        nb::arg("binary"), nb::arg("accepted_risk"), nb::arg("state"), nb::arg("limit"),
-        "Search for a way from a state [F] to the goal. Return the edges that were followed, about "
-        "`limit` at most, and the states [N, F] on the way but the last one; None where none was "
-        "found. Fluents `inert` become 0 in these. `binary` says that all others are 0 or 1.");
+    using State = In<double, nb::ndim<1>>;
+    nb::class_<WaySearch>(module, "WaySearch",
+                          "A search for a way to the goal that can be gone on with.")
+        .def(nb::new_(&way_search), nb::arg("model"), nb::arg("relaxation"), nb::arg("inert"),
+             nb::arg("binary"), nb::arg("accepted_risk"), nb::arg("greedy"),
+             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(),
+             "Fluents `inert` become 0 in all states; `binary` says that all others are 0 or 1. A "
+             "`greedy` search goes by relaxed cost, another one by novelty.")
+        .def("search", [](WaySearch& self, const State& state, std::int64_t limit)
+                -> std::pair<std::int64_t, std::optional<Array<double>>> {
+                const auto [followed, found] = self.search(state_of(state, self.fluents()), limit);
+                if (!found) return {followed, std::nullopt};
+                std::vector<double> states = self.way();
+                const std::size_t width = state.size();
+                const std::size_t count = width ? states.size() / width : 1;
+                return {followed, array_of(std::move(states), {count, width})};
+            }, nb::arg("state"), nb::arg("limit"),
+            "Search on from a state [F]. Return the edges that were followed, about `limit` at "
+            "most, and the states [N, F] on the way but the last one; None where none was found.")
+        .def("toward", [](WaySearch& self, const State& state) {
+                return self.toward(state_of(state, self.fluents()));
+            }, nb::arg("state"),
+            "Return the action that leads from a state [F] to the least relaxed cost; -1: none.")
+        .def_prop_ro("least", &WaySearch::least, "Least relaxed cost of all states of the tree.");
 }
 
 }  // namespace serp

@@ -1,8 +1,12 @@
 """The search for a way to the goal where not everything that can be reached can be followed.
 
-States are expanded in two orders in turn: those with new values, or pairs of values, among the
-states that lack as many conditions of the goal come first in one, those with the least relaxed cost
-in the other (best-first width search: Lipovetzky & Geffner, AAAI 2017).
+Two searches share the work, because neither solves what the other does. In one, those states come
+first that have new values, or pairs of values, among the states that lack as many conditions of the
+goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in the other those of the least
+relaxed cost. In both, every other state is one that a helpful action leads to, one that begins a
+relaxed plan (Hoffmann & Nebel, JAIR 2001). A search that has found no way leads to the state of the
+least relaxed cost, and goes on from there with the states that it knows. States from which even the
+relaxed goal is out of reach are dead ends, and no way leads there.
 
 The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
 facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
@@ -13,11 +17,15 @@ be repeated (Scala, Haslum & Thiébaux, "Heuristics for numeric planning via sub
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
-from serp._core import Relaxation, find_way
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._core import Relaxation, WaySearch
+from serp._util.saved_state import MOST, Arrays, Saved
 from serp.model import ground_model as g
 from serp.model.ground_model import Linear, linear
 from serp.model.transition_model import TransitionModel, Vector
@@ -29,6 +37,9 @@ _EVENT: Final = 2.0**-20
 """The cost of an event: next to nothing, so that only what holds costs nothing."""
 _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
+_NO_CHANGE: Final = Linear({}, Fraction(0))
+_LEVELS: Final = 2
+"""Sums that are added to sums that are added to sums of conditions are followed so far."""
 
 
 def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> Relaxation | None:
@@ -59,16 +70,22 @@ def succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
     )
 
 
+def _of_fluents(form: Linear) -> bool:
+    """Return whether all terms of a sum are fluents."""
+    return all(isinstance(atom, int) for atom in form.terms)
+
+
 class _Operator(NamedTuple):
     """Facts that are needed, cost, facts that become true, known changes of fluents.
 
-    A change is None where it is not known.
+    A change is a sum of fluents, None where it is not known.
     """
 
     needs: list[int]
     cost: float
     adds: list[int]
-    changes: dict[object, float | None]
+    changes: dict[object, Linear | None]
+    action: int = -1
 
 
 class _Relaxation:
@@ -81,16 +98,32 @@ class _Relaxation:
         self.comparisons: list[tuple[Linear, bool]] = []
         self.known: dict[object, int] = {}
         self.operators: list[_Operator] = []
-        for schemas, cost in ((ground.actions, 1.0), (ground.events, _EVENT)):
-            for schema in schemas:
-                self._read(schema, cost)
+        for action, schema in enumerate(ground.actions):
+            self._read(schema, 1.0, action)
+        for schema in ground.events:
+            self._read(schema, _EVENT, -1)
 
     def result(self, ways: Iterable[Sequence[g.Test]]) -> Relaxation:
         goals = [sorted(set(self._all(way, True))) for way in ways]
-        readers: dict[object, list[int]] = {}
-        for k, (form, _) in enumerate(self.comparisons):
-            for fluent in form.terms:
-                readers.setdefault(fluent, []).append(k)
+        operators = [
+            (o.needs, o.cost, [(fact, 0.0, -1) for fact in o.adds], o.action)
+            for o in self.operators
+        ]
+        first = 0
+        for level in range(_LEVELS + 1):  # what is added may itself be changed by operators
+            readers: dict[object, list[int]] = {}
+            for k in range(first, len(self.comparisons)):
+                for fluent in self.comparisons[k][0].terms:
+                    readers.setdefault(fluent, []).append(k)
+            first = len(self.comparisons)
+            for operator, (needs, cost, adds, action) in zip(
+                self.operators, tuple(operators), strict=False
+            ):
+                for fact, gain, amount in self._gains(operator, readers, level < _LEVELS):
+                    if amount < 0:
+                        adds.append((fact, gain, -1))
+                    else:
+                        operators.append(([*needs, amount], cost, [(fact, 0.0, amount)], action))
         return Relaxation(
             fluents=self.fluents,
             comparisons=[
@@ -101,7 +134,7 @@ class _Relaxation:
                 )
                 for form, strict in self.comparisons
             ],
-            operators=[(o.needs, o.cost, self._adds(o, readers)) for o in self.operators],
+            operators=operators,
             ways=goals,
         )
 
@@ -135,10 +168,16 @@ class _Relaxation:
     def _comparison(self, test: g.Compare, wanted: bool) -> list[int]:
         above = linear(test.left, self.theta).plus(linear(test.right, self.theta), _MINUS)
         below = Linear({}, Fraction(0)).plus(above, _MINUS)
-        if not all(isinstance(atom, int) for atom in above.terms):
+        if not _of_fluents(above):
             return []
+        if test.operator == "=" and wanted:
+            return [self._fact(above), self._fact(below)]
         if test.operator == "=":
-            return [self._fact(above), self._fact(below)] if wanted else []
+            fact = self._fact(_NEVER)
+            self.operators += [
+                _Operator([self._fact(form, True)], 0.0, [fact], {}) for form in (above, below)
+            ]
+            return [fact]
         up = (test.operator in (">", ">=")) == wanted
         return [self._fact(above if up else below, (test.operator in (">", "<")) == wanted)]
 
@@ -153,43 +192,47 @@ class _Relaxation:
 
     # Operators ---------------------------------------------------------------------------------
 
-    def _read(self, schema: g.GroundSchema, cost: float) -> None:
+    def _read(self, schema: g.GroundSchema, cost: float, action: int) -> None:
         """Add an operator for all effects of a schema that have the same condition."""
         needs = self._all(schema.preconditions, True)
         operators: dict[int, _Operator] = {}
         for effect in schema.possible_effects:
             if (condition := id(effect.condition)) not in operators:
                 facts = needs + self._facts(effect.condition, True)
-                operators[condition] = _Operator(facts, cost, [], {})
-            _, _, adds, changes = operators[condition]
+                operators[condition] = _Operator(facts, cost, [], {}, action)
+            _, _, adds, changes, _ = operators[condition]
             if isinstance(effect, g.SetBoolean):
                 adds += [2 * effect.target + effect.value] if effect.target >= 0 else []
             elif effect.target >= 0:
                 amount = linear(effect.value, self.theta)
-                sign = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}.get(effect.change)
-                known = changes.get(effect.target, 0.0)
-                if sign is None or amount.terms or known is None:
+                sign = {Change.INCREASE: Fraction(1), Change.DECREASE: _MINUS}.get(effect.change)
+                known = changes.get(effect.target, _NO_CHANGE)
+                if sign is None or known is None or not _of_fluents(amount):
                     changes[effect.target] = None
                 else:
-                    changes[effect.target] = known + sign * float(amount.constant)
+                    changes[effect.target] = known.plus(amount, sign)
         self.operators += operators.values()
 
-    def _adds(
-        self, operator: _Operator, readers: dict[object, list[int]]
-    ) -> list[tuple[int, float]]:
-        """Return the facts that an operator makes true, and the gains in comparisons."""
-        adds = [(fact, 0.0) for fact in operator.adds]
+    def _gains(
+        self, operator: _Operator, readers: dict[object, list[int]], exactly: bool
+    ) -> Iterator[tuple[int, float, int]]:
+        """Yield the comparisons that an operator may make true: their facts and gains.
+
+        Where a gain depends on the state, the fact that it is positive is the third entry; without
+        `exactly`, one application is enough.
+        """
         changes = operator.changes
         for k in sorted({k for fluent in changes for k in readers.get(fluent, ())}):
-            parts = [
-                (float(factor), changes.get(fluent, 0.0))
-                for fluent, factor in self.comparisons[k][0].terms.items()
-            ]
-            gain = sum(factor * change for factor, change in parts if change is not None)
-            unknown = any(change is None for _, change in parts)
-            if unknown or gain > 0.0:
-                adds.append((self.base + k, 0.0 if unknown else gain))
-        return adds
+            gain: Linear | None = Linear({}, Fraction(0))
+            for fluent, factor in self.comparisons[k][0].terms.items():
+                change = changes.get(fluent, _NO_CHANGE)
+                gain = None if gain is None or change is None else gain.plus(change, factor)
+            if gain is None or (gain.terms and not exactly):
+                yield self.base + k, 0.0, -1
+            elif gain.terms:
+                yield self.base + k, 0.0, self._fact(gain, True)
+            elif gain.constant > 0:
+                yield self.base + k, float(gain.constant), -1
 
 
 class GoalSearch:
@@ -207,6 +250,9 @@ class GoalSearch:
         self._accepted = settings.accepted_risk
         self.steps = 0
         self._relaxed: Relaxation | None = None
+        self._trees: list[WaySearch] = []
+        self._calls: list[tuple[Vector, int]] = []
+        self._found = False
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -215,20 +261,80 @@ class GoalSearch:
         """Whether there is a goal to search for."""
         return self._relaxed is not None
 
+    def forget(self) -> None:
+        """Begin anew with the next search."""
+        self._trees, self._calls, self._found = [], [], False
+
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
 
         The likeliest outcome of every step is followed, no step that is not safe, and at most
-        `limit` edges. None where there is no goal, or no way was found.
+        about `limit` edges. None where there is no goal, or no way was found: the next call goes on
+        with the same tree, if it holds the state.
         """
         self.steps = 0
         if self._relaxed is None:
             return None
-        model = self._model
-        inert = inert_fluents(model)
-        numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
-        self.steps, way = find_way(
-            model.core, self._relaxed, inert, numeric <= set(inert.tolist()), self._accepted,
-            state, limit,
-        )  # fmt: skip
+        if self._found:
+            self.forget()
+        trees = self._grown()
+        self._calls.append((state.copy(), limit))
+        self.steps, way = self._search(trees, state, limit)
         return way
+
+    def toward(self, state: Vector) -> int:
+        """Return the action toward the goal, or the state of the least known cost; -1: none."""
+        if not self._calls:
+            return -1
+        trees = sorted(self._grown(), key=lambda tree: tree.least)
+        return next((action for tree in trees if (action := tree.toward(state)) >= 0), -1)
+
+    def _grown(self) -> list[WaySearch]:
+        """Return the trees; after a restart they are grown again by the same searches."""
+        if not self._trees and self._relaxed is not None:
+            model, inert = self._model, inert_fluents(self._model)
+            numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
+            binary = numeric <= set(inert.tolist())
+            self._trees = [
+                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, greedy)
+                for greedy in (False, True)
+            ]
+            for state, limit in self._calls:
+                self._search(self._trees, state, limit)
+        return self._trees
+
+    def _search(
+        self, trees: Sequence[WaySearch], state: Vector, limit: int
+    ) -> tuple[int, Vector | None]:
+        followed = 0
+        try:
+            for tree in trees:
+                steps, way = tree.search(state, max(1, limit // len(trees)))
+                followed += steps
+                if way is not None:
+                    self._found = True
+                    return followed, way
+        except MemoryError:  # no way was found
+            self.forget()
+        return followed, None
+
+    @property
+    def least(self) -> float:
+        """The least relaxed cost of the states that the newest search reached."""
+        return (
+            min((tree.least for tree in self._grown()), default=np.inf) if self._calls else np.inf
+        )
+
+    def state_dict(self) -> Arrays:
+        """Return arrays that `load_state_dict` restores exactly: the searches to do again."""
+        width = len(self._model.fluents)
+        states = np.array([state for state, _ in self._calls]).reshape(len(self._calls), width)
+        return {"states": states, "limits": np.array([n for _, n in self._calls], np.int64)}
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self.forget()
+        saved = Saved("goal search", arrays, {})
+        limits = saved.array("limits", np.int64, (-1,), 1, MOST)
+        states = saved.array("states", np.float64, (len(limits), len(self._model.fluents)))
+        self._calls = list(zip(states, limits.tolist(), strict=True))

@@ -139,3 +139,13 @@ class Lookahead:
         """
         forecast = forecast_of(self._core.check_safety(self._checked(state))[0])
         return forecast if forecast.bound is Bound.SAFETY else None
+
+
+_NEAR: Final = 20_000
+"""Most edges that the lookahead beside a plan follows; they take some milliseconds."""
+
+
+def near_lookahead(model: TransitionModel, settings: PlannerSettings) -> Lookahead:
+    """Return the lookahead that says, beside a plan, what is unsafe ahead."""
+    most = max(1, min(settings.max_nodes, _NEAR // max(1, len(model.actions))))
+    return Lookahead(model, settings.replace(max_nodes=most))

@@ -15,35 +15,12 @@ from serp.model.learned.transitions import TransitionMemory
 from serp.model.state_space import StateError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import FarSightPlanner
-from serp.planning.forecast import Forecast, score_of
-from serp.planning.lookahead import Lookahead
+from serp.planning.forecast import Forecast, advised
+from serp.planning.lookahead import Lookahead, near_lookahead
 from serp.settings import PlannerSettings
 
 Advise = Callable[[Mapping[str, float | bool]], Any]
 """Fluent → value, and returned: the name or position of a ground action, None for no advice."""
-
-
-def advised(found: Forecast, action: int, worth: float = -np.inf) -> Forecast:
-    """Return a forecast whose choice is the advised action, unless another one risks less.
-
-    Args:
-        found: The planner's own forecast, which knows the risks.
-        action: Position of the advised ground action; -1: none.
-        worth: Discounted sum of rewards that it leads to, if that is known. Its value is at least
-            a little larger than those of all others.
-    """
-    if action < 0 or not found.flags[action] & APPLICABLE:
-        return found
-    others = np.delete(found.value, action)
-    best = others[np.isfinite(others)].max(initial=-np.inf)
-    value = found.value.copy()
-    value[action] = max(value[action], worth)
-    if np.isfinite(best):
-        value[action] = max(value[action], best + 1e-9 * max(1.0, abs(best)))
-    claimed = found._replace(value=value)
-    if score_of(claimed, action) < score_of(claimed, found.choice):
-        return found
-    return claimed._replace(choice=action)
 
 
 class AdvisedPlanner:
@@ -70,8 +47,6 @@ class AdvisedPlanner:
         return advised(self._near.forecast(state), position)
 
 
-MOST_EDGES: Final = 20_000
-"""Most edges that the lookahead beside a plan follows; they take some milliseconds."""
 MOST_NUMBERS: Final = 10_000_000
 """Most numbers in all predicted states that are kept: 80 MB."""
 FindPlan = Callable[[Vector], Sequence[int] | None]
@@ -104,8 +79,7 @@ class PlanFollower:
         self.searches = 0
         self._accepted = settings.accepted_risk
         self._find_plan = find_plan
-        most = max(1, min(settings.max_nodes, MOST_EDGES // max(1, len(model.actions))))
-        self._near = Lookahead(model, settings.replace(max_nodes=most))
+        self._near = near_lookahead(model, settings)
         self._fallback = FarSightPlanner(model, settings)
         self._plan: list[int] = []
         self._actions: dict[bytes, tuple[int, float]] = {}

@@ -40,8 +40,9 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
         }
         terms_.end_row();
     }
+    step_.resize(constant_.size());
     std::vector<std::vector<int>> users(facts_);
-    for (const auto& [facts, cost, adds] : operators) {
+    for (const auto& [facts, cost, adds, action] : operators) {
         const int number = static_cast<int>(cost_.size());
         if (!(cost >= 0.0 && cost < INFINITE))
             throw std::invalid_argument("an operator has a cost that is not usable");
@@ -50,16 +51,23 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
             auto& its_users = users[checked(fact, facts_, "fact")];
             if (!its_users.empty() && its_users.back() == number) continue;
             its_users.push_back(number);
+            needed_.add(fact);
             ++needs;
         }
+        needed_.end_row();
+        if (action < -1) throw std::invalid_argument("there is no action below -1");
+        action_.push_back(action);
         if (needs == 0) free_.push_back(number);
         needs_.push_back(needs);
         cost_.push_back(cost);
         for (const Addition& addition : adds) {
-            const auto [fact, gain] = addition;
+            const auto [fact, gain, amount] = addition;
+            const int base = 2 * fluents_;
             checked(fact, facts_, "fact");
-            if (gain > 0.0 && fact < 2 * fluents_)
+            if (amount >= 0) checked(amount, facts_, "fact");
+            if ((gain > 0.0 || amount >= 0) && (fact < base || (amount >= 0 && amount < base)))
                 throw std::invalid_argument("a fact that is no comparison has a gain");
+            if (gain > 0.0) step_[fact - base] = std::max(step_[fact - base], gain);
             adds_.add(addition);
         }
         adds_.end_row();
@@ -77,7 +85,7 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
 RelaxedCosts::RelaxedCosts(const Relaxation& relaxation)
     : relaxation_(relaxation), cost_(relaxation.facts_), passed_(relaxation.facts_),
       gap_(relaxation.constant_.size()), queue_(relaxation.facts_ + 1),
-      queued_(relaxation.facts_), sums_(relaxation.needs_.size()) {}
+      queued_(relaxation.facts_), sums_(relaxation.needs_.size()), by_(relaxation.facts_) {}
 
 void RelaxedCosts::push(int fact) {
     if (queued_[fact]) return;
@@ -86,14 +94,28 @@ void RelaxedCosts::push(int fact) {
     if (++end_ == queue_.size()) end_ = 0;
 }
 
+/// Returns what one application adds to a sum; 0 where one is enough. Where that depends on the
+/// state and is not positive yet, it is what it becomes first by the largest steps.
+double RelaxedCosts::gain_of(const Relaxation::Addition& addition) const {
+    const auto [fact, gain, amount] = addition;
+    if (amount < 0) return gain;
+    const int k = amount - 2 * relaxation_.fluents_;
+    const double lacks = gap_[k], step = relaxation_.step_[k];
+    if (lacks < 0.0) return -lacks;
+    return step > 0.0 ? step * (std::floor(lacks / step) + 1.0) - lacks : 0.0;
+}
+
 /// Lowers the costs of what an operator makes true.
 void RelaxedCosts::apply(int its_operator) {
     const int base = 2 * relaxation_.fluents_;
-    for (const auto& [fact, gain] : relaxation_.adds_[its_operator]) {
+    for (const Relaxation::Addition& addition : relaxation_.adds_[its_operator]) {
+        const int fact = std::get<0>(addition);
+        const double gain = gain_of(addition);
         const double times = gain > 0.0 ? std::max(1.0, std::ceil(gap_[fact - base] / gain)) : 1.0;
         const double cost = sums_[its_operator] + times * relaxation_.cost_[its_operator];
         if (cost < cost_[fact] - 1e-9) {
             cost_[fact] = cost;
+            by_[fact] = its_operator;
             push(fact);
         }
     }
@@ -106,6 +128,7 @@ void RelaxedCosts::begin(const double* state) {
     std::fill(cost_.begin(), cost_.end(), INFINITE);
     std::fill(passed_.begin(), passed_.end(), INFINITE);
     std::fill(queued_.begin(), queued_.end(), 0);
+    std::fill(by_.begin(), by_.end(), -1);
     for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
     for (std::size_t k = 0; k < gap_.size(); ++k) {
         double total = relaxation_.constant_[k];
@@ -122,12 +145,14 @@ void RelaxedCosts::begin(const double* state) {
 
 RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
     begin(state);
+    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(relaxation_.needs_.size());
     while (start_ != end_) {
         const int fact = queue_[start_];
         if (++start_ == queue_.size()) start_ = 0;
         queued_[fact] = 0;
         const double before = passed_[fact], cost = cost_[fact];
         passed_[fact] = cost;
+        updates_ += 4 * static_cast<std::int64_t>(relaxation_.users_[fact].size());
         for (const int user : relaxation_.users_[fact]) {
             if (before == INFINITE) {
                 --missing_[user];
@@ -146,10 +171,30 @@ RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
             cost += cost_[fact];
             lacks += cost_[fact] > 0.0;
         }
+        if (cost < found.cost) cheapest_ = way;
         found.cost = std::min(found.cost, cost);
         found.left = std::min(found.left, lacks);
     }
     return found;
+}
+
+void RelaxedCosts::mark_helpful(std::vector<std::uint8_t>& actions) {
+    const auto take = [this](const auto& facts) {  // each fact once
+        for (const int fact : facts)
+            if (by_[fact] >= 0) plan_.push_back(fact);
+    };
+    plan_.clear();
+    if (relaxation_.ways_.size() == 0) return;
+    take(relaxation_.ways_[cheapest_]);
+    while (!plan_.empty()) {
+        const int fact = plan_.back(), its_operator = by_[fact];
+        plan_.pop_back();
+        if (its_operator < 0) continue;
+        by_[fact] = -1;
+        if (sums_[its_operator] <= 0.0 && relaxation_.action_[its_operator] >= 0)
+            actions[relaxation_.action_[its_operator]] = 1;
+        take(relaxation_.needed_[its_operator]);
+    }
 }
 
 // For Python ---------------------------------------------------------------------------------------

@@ -1,6 +1,7 @@
 // The relaxed domain; goal_search.py says what it is and makes it.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -40,10 +41,11 @@ public:
     /// Terms of a comparison, its constant, and whether the sum has to be positive.
     using Comparison = std::tuple<std::vector<Term>, double, bool>;
     /// A fact that becomes true. For a comparison, what one application adds to its sum; 0 where
-    /// one is enough.
-    using Addition = std::pair<int, double>;
-    /// The facts that are needed, the cost, and the facts that become true.
-    using Operator = std::tuple<std::vector<int>, double, std::vector<Addition>>;
+    /// one is enough. What is added may depend on the state: it is then the sum of another
+    /// comparison, whose fact is the third entry; else -1.
+    using Addition = std::tuple<int, double, int>;
+    /// The facts that are needed, the cost, the facts that become true, and the action; -1 for none.
+    using Operator = std::tuple<std::vector<int>, double, std::vector<Addition>, int>;
     using Way = std::vector<int>;
 
     /// `ways` are those to reach the goal: the facts that each needs.
@@ -52,6 +54,10 @@ public:
                const std::vector<Operator>& operators, const std::vector<Way>& ways);
 
     int fluents() const { return fluents_; }
+    /// Returns the largest action of an operator; -1 where none has one.
+    int last_action() const {
+        return action_.empty() ? -1 : *std::max_element(action_.begin(), action_.end());
+    }
 
 private:
     friend class RelaxedCosts;
@@ -61,8 +67,11 @@ private:
     std::vector<double> constant_;       ///< of each comparison
     std::vector<std::uint8_t> strict_;   ///< of each comparison
     Rows<Term> terms_;                   ///< of each comparison
+    std::vector<double> step_;           ///< of each comparison: most that an operator adds
     Rows<int> users_;                    ///< operators that need each fact
-    std::vector<int> needs_;             ///< number of facts that each operator needs
+    Rows<int> needed_;                   ///< facts that each operator needs
+    std::vector<int> needs_;             ///< their number
+    std::vector<int> action_;            ///< of each operator
     std::vector<int> free_;              ///< operators that need none
     std::vector<double> cost_;           ///< of each operator
     Rows<Addition> adds_;                ///< of each operator
@@ -82,7 +91,15 @@ public:
     /// Returns the estimate for a state [F].
     Estimate estimate(const double* state);
 
+    /// Returns how many costs of operators the newest estimate updated.
+    std::int64_t updates() const { return updates_; }
+
+    /// Marks the helpful actions of the state that was estimated last: those of the relaxed plan, by
+    /// the cheapest operator for each fact, that need no other one (Hoffmann & Nebel, 2001).
+    void mark_helpful(std::vector<std::uint8_t>& actions);
+
 private:
+    double gain_of(const Relaxation::Addition& addition) const;
     void begin(const double* state);
     void apply(int its_operator);
     void push(int fact);
@@ -95,6 +112,10 @@ private:
     std::vector<std::uint8_t> queued_;  ///< whether each fact is in it
     std::vector<int> missing_;     ///< of each operator: facts that are unreachable
     std::vector<double> sums_;     ///< of each operator: costs of the others
+    std::vector<int> by_;          ///< of each fact: the operator that makes it true at its cost
+    std::vector<int> plan_;        ///< scratch: facts of a relaxed plan
+    std::int64_t updates_ = 0;
+    std::size_t cheapest_ = 0;     ///< the way of the least cost
     std::size_t start_ = 0, end_ = 0;  ///< of the ring
 };
 

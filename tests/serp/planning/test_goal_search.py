@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp._core import Relaxation, find_way
+from serp._core import Relaxation, WaySearch
 from serp.agent.registry import far_sight
 from serp.model.domain import load_domain
 from serp.model.flags import APPLICABLE, TERMINAL
@@ -77,6 +77,44 @@ def test_numbers_without_bounds_are_followed_in_the_right_direction():
     assert GoalSearch(boat(1e9), SETTINGS).way(way[0], 2_000) is None
 
 
+def test_a_search_goes_on_where_the_world_follows_it():
+    model = boat(120.0)
+    search, state = GoalSearch(model, SETTINGS), model.initial_state
+    for _ in range(40):
+        if search.way(state, 60) is not None:
+            break
+        resumed = GoalSearch(model, SETTINGS)
+        resumed.load_state_dict(search.state_dict())
+        assert resumed.least == search.least
+        while (action := search.toward(state)) >= 0:
+            assert resumed.toward(state) == action
+            state = model.step(state, action).state
+    assert search.toward(state) >= 0  # the way that was found
+    for _ in range(200):
+        outcome = model.step(state, search.toward(state))
+        state = outcome.state
+        if outcome.terminal:
+            break
+    assert outcome.terminal and outcome.reward > 0.0
+
+
+def test_what_is_added_may_depend_on_the_state():
+    domain = (
+        "(define (domain d) (:functions (x) (v))"
+        " (:action push :effect (and (increase (v) 1)))"
+        " (:action move :effect (and (increase (x) (* 2 (v))))))"
+    )
+    problem = "(define (problem p) (:domain d) (:init (= (x) 0) (= (v) 0)) (:goal (and {})))"
+    for goal, estimates in (
+        ("(>= (x) 12)", {(0, 0): 7.0, (0, 1): 6.0, (0, 3): 2.0, (10, 1): 1.0, (12, 0): 0.0}),
+        ("(not (= (x) 4))", {(4, 0): 2.0, (4, 1): 1.0, (3, 0): 0.0}),
+    ):
+        model = load_texts(Texts(domain, problem.format(goal))).model
+        relaxation = relaxed(model.ground, model.theta.tolist())
+        for numbers, cost in estimates.items():
+            assert relaxation.estimate(np.array(numbers, float))[0] == cost
+
+
 def test_a_way_is_safe_and_a_domain_without_a_goal_has_none():
     domain = (
         "(define (domain d) (:predicates (unsafe) (terminal)) (:functions (x) (reward))"
@@ -109,7 +147,7 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
     sound = {
         "fluents": 2,
         "comparisons": [([(1, 2.0)], -3.0, False)],
-        "operators": [([0, 0, 2], 1.0, [(4, 0.5), (1, 0.0)])],
+        "operators": [([0, 0, 2], 1.0, [(4, 0.5, -1), (1, 0.0, -1)], 0)],
         "ways": [[4]],
     }
     # The operator is applied 6 times; in the other state it lacks that fluent 1 is 0.
@@ -117,11 +155,14 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
     assert Relaxation(**sound).estimate(np.array([0.0, 1.0])) == (np.inf, 1)
     for wrong in (
         {"comparisons": [([(2, 2.0)], -3.0, False)]},
-        {"operators": [([5], 1.0, [])]},
-        {"operators": [([-1], 1.0, [])]},
-        {"operators": [([], 1.0, [(5, 0.0)])]},
-        {"operators": [([], 1.0, [(3, 0.5)])]},  # not a comparison
-        {"operators": [([], -1.0, [])]},
+        {"operators": [([5], 1.0, [], 0)]},
+        {"operators": [([-1], 1.0, [], 0)]},
+        {"operators": [([], 1.0, [(5, 0.0, -1)], 0)]},
+        {"operators": [([], 1.0, [(3, 0.5, -1)], 0)]},  # not a comparison
+        {"operators": [([], -1.0, [], 0)]},
+        {"operators": [([], 1.0, [(4, 0.0, 5)], 0)]},
+        {"operators": [([], 1.0, [(4, 0.0, 0)], 0)]},  # not a comparison
+        {"operators": [([], 1.0, [], -2)]},
         {"ways": [[0], [5]]},
         {"fluents": -1},
     ):
@@ -135,9 +176,11 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
         (tables, [], np.zeros(3)),
         (tables, [4], np.zeros(4)),
         (tables, [-1], np.zeros(4)),
+        (Relaxation(4, [], [([], 1.0, [], 9)], []), [], np.zeros(4)),
     ):
-        with pytest.raises(ValueError, match="fluent"):
-            find_way(core, relaxation, np.array(inert, np.int64), False, 0.0, state, 10)
+        with pytest.raises(ValueError, match=r"fluent|action|numbers"):
+            search = WaySearch(core, relaxation, np.array(inert, np.int64), False, 0.0, False)
+            search.search(state, 10)
 
 
 @pytest.mark.parametrize("seed", range(40))
