@@ -257,12 +257,13 @@ class Agent:
         self.arbiter.vetoes.reliability.cut_off()
         self._waiting.clear()
 
-    def remember(self, step: StepRecord) -> None:
-        """Store an env step to be learned from."""
+    def remember(self, step: StepRecord, following: Decision | None = None) -> None:
+        """Store an env step to be learned from, given the decision after it in its episode."""
         decision = step.decision
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
             self.strategy.imitated(decision.forecast),
+            None if following is None else following.admissible,
         )  # fmt: skip
 
     def learn(self) -> float | None:

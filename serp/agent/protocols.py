@@ -72,8 +72,8 @@ class Proposer(Protocol):
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose an action; explore among `explorable` `[E]`, None for all."""
 
-    def propose_greedily(self) -> Proposal:
-        """Propose the action with the largest value."""
+    def propose_greedily(self, allowed: Mask | None = None) -> Proposal:
+        """Propose the action with the largest value, and the best one of those `allowed`."""
 
 
 class Learner(Stateful, Protocol):
@@ -106,8 +106,11 @@ class Learner(Stateful, Protocol):
     def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
         """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
 
-    def propose_greedily(self, x: Vector) -> Proposal:
-        """Propose the action with the largest value for an input `[F]`."""
+    def propose_greedily(self, x: Vector, allowed: Mask | None = None) -> Proposal:
+        """Propose the action with the largest value for an input `[F]`.
+
+        Where it is not among the `allowed` `[E]`, the best of these is proposed instead of it.
+        """
 
     def remember(
         self,
@@ -118,11 +121,13 @@ class Learner(Stateful, Protocol):
         terminated: bool,
         truncated: bool,
         imitated: int = -1,
+        allowed: Mask | None = None,
     ) -> None:
         """Store an env step in the replay memory.
 
         Observations are inputs `[F]`; `action` is the executed environment action. `imitated` is
-        the planner's action, to be imitated; -1: none.
+        the planner's action, to be imitated; -1: none. `allowed` `[E]` are the actions that may be
+        executed after the step; None: all.
         """
 
     def learn(self) -> float | None:
@@ -146,6 +151,6 @@ class LearnerProposer:
         """Propose an action, with exploration."""
         return self._learner.propose(self._x, explorable)
 
-    def propose_greedily(self) -> Proposal:
-        """Propose the action with the largest value."""
-        return self._learner.propose_greedily(self._x)
+    def propose_greedily(self, allowed: Mask | None = None) -> Proposal:
+        """Propose the action with the largest value, and the best one of those `allowed`."""
+        return self._learner.propose_greedily(self._x, allowed)

@@ -29,7 +29,12 @@ GRIDS: Final = {  # `S` start, `G` goal, `L` lava, `#` wall; and the chance of a
     "gate": (("S..L...", "...L...", "...L...", "......G", "...L...", "...L..."), 0.2),
     "pier": (("S.LLLL", "..LLLL", ".....G", "..LLLL", "..LLLL"), 0.25),
 }
-MOVES: Final = {"up": ("row", -1), "down": ("row", 1), "left": ("column", -1), "right": ("column", 1)}
+MOVES: Final = {
+    "up": ("row", -1),
+    "down": ("row", 1),
+    "left": ("column", -1),
+    "right": ("column", 1),
+}
 
 
 def texts(name: str) -> tuple[str, str]:
@@ -79,7 +84,11 @@ def run(name: str, seed: int, options: argparse.Namespace) -> tuple[float, float
         agent = trainer.agent
         with agent.undisturbed():
             for episode in range(episodes):
-                (raw, info), over, burnt = bound.env.reset(seed=10_000 * (seed + 1) + episode), False, 0
+                (raw, info), over, burnt = (
+                    bound.env.reset(seed=10_000 * (seed + 1) + episode),
+                    False,
+                    0,
+                )
                 agent.arbiter.begin_episode()
                 while not over:
                     state, x = agent.perceive(raw, info, bound.env)

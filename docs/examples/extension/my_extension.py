@@ -84,24 +84,30 @@ class Table:
     def propose(self, x: Any, explorable: Any = None) -> serp.Proposal:
         """Propose the best action, or with probability ε any explorable one."""
         if self._random.random() >= self.epsilon:
-            return self.propose_greedily(x)
+            return self.propose_greedily(x, explorable)
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
         return serp.Proposal(int(self._random.choice(actions)), True)
 
-    def propose_greedily(self, x: Any) -> serp.Proposal:
-        """Propose the best action."""
-        return serp.Proposal(int(self._values(x).argmax()), False)
+    def propose_greedily(self, x: Any, allowed: Any = None) -> serp.Proposal:
+        """Propose the best action, and the best of those that are allowed instead of it."""
+        values = self._values(x)
+        best, instead = int(values.argmax()), -1
+        if allowed is not None and not allowed[best] and allowed.any():
+            instead = int(np.where(allowed, values, -np.inf).argmax())
+        return serp.Proposal(best, False, instead)
 
     def remember(
         self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,
-        imitated: int = -1,
+        imitated: int = -1, allowed: Any = None,
     ) -> None:  # fmt: skip
         """Learn from a step at once; a state that ended the episode is worth 0."""
         target = reward
         if not terminated:
-            target += self._discount * self._values(next_x).max()
+            values = self._values(next_x)
+            possible = values if allowed is None or not allowed.any() else values[allowed]
+            target += self._discount * possible.max()
         self._error = float(target - self._values(x)[action])
         self._values(x)[action] += 0.2 * self._error
         self.updates += 1

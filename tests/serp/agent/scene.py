@@ -41,7 +41,7 @@ class Known:
     def propose(self, explorable):
         return self.propose_greedily()
 
-    def propose_greedily(self):
+    def propose_greedily(self, allowed=None):
         return Proposal(int(self.q.argmax()), False)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from serp import _core
 from serp.agent.registry import far_sight
-from serp.model.flags import APPLICABLE, RISKY, UNSAFE
+from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.forecast import forecast_of, score_of
 from serp.planning.preference import rank_of
 from serp.settings import PlannerSettings
@@ -87,7 +87,8 @@ def solved(of, discount, accepted):
     graph.restore({
         "states": np.arange(float(nodes)), "layer": np.zeros(nodes, np.int32),
         "undefined": marks, "value": zeros, "risk": zeros, "steps": np.zeros(nodes, np.int64),
-        "inside": marks, "slack": marks, "risk_kind": np.zeros(1, np.uint8), "first_edge": np.cumsum([0, *map(len, of)]),
+        "inside": marks, "slack": marks, "risk_kind": np.zeros(1, np.uint8),
+        "first_edge": np.cumsum([0, *map(len, of)]),
         "action": np.array([k for node in of for k in range(len(node))], np.int32),
         "flags": np.array([edge.flags for edge in edges], np.int64),
         "reward": np.array([edge.reward for edge in edges], np.float64),
@@ -168,9 +169,7 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(seed, discount, chan
         for action, edge in enumerate(arcs):
             value = edge.reward + discount * after(edge, graph.value.tolist())
             assert abs(forecast.value[action] - value) <= alike
-            risk = risk_after(
-                edge, graph.risk.tolist(), discount_of_risk(graph, discount)
-            )
+            risk = risk_after(edge, graph.risk.tolist(), discount_of_risk(graph, discount))
             assert abs(forecast.path_risk[action] - risk) <= 10 * ALIKE
         if arcs:
             best = max(range(len(arcs)), key=lambda a: (score_of(forecast, a), -a))
