@@ -112,6 +112,12 @@ class VetoPolicy(Declared):
         self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
 
+    @property
+    def looks_farther(self) -> bool:
+        """Whether actions have to leave ways on beyond the lookahead: once it has failed."""
+        ahead = self._settings.veto_horizon == "lookahead" and self.reliability.reliable
+        return self.refuses and ahead and self.reliability.failures > 0
+
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
         if not self.refuses:
@@ -142,6 +148,8 @@ class VetoPolicy(Declared):
         r_min = self._settings.r_min
         if r_min is not None and forecast.reward[action] < r_min:
             return Reason.LOW_REWARD
+        if self.looks_farther and forecast.safe_steps[action] >= forecast.depth:
+            return Reason.FEW_WAYS_ON
         return Reason.UNSAFE_AHEAD
 
     def observe(self, step: StepRecord) -> bool:
