@@ -312,11 +312,13 @@ def account_of(agent: Agent) -> dict[str, Any]:
     Returns:
         ``trained_policy``: in words, what the policy `serp` does. ``evidence``: why, from the
         returns of planner and learner; null for strategies that do not go by evidence. ``model``:
-        which learned parts the planner's model uses, and why others are not in use.
+        which learned parts the planner's model uses, and why others are not in use. ``safety``: in
+        words, how often the lookahead failed, and what risk held back.
     """
     evidence = agent.strategy.evidence
     return {
         "trained_policy": agent.strategy.choice,
         "evidence": None if evidence is None else evidence.as_dict(),
         "model": agent.adaptation.adoption.as_dict(),
+        "safety": agent.arbiter.vetoes.account(),
     }

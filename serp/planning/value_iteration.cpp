@@ -89,6 +89,14 @@ bool is_accepted(const Graph& graph, int edge, int node, Preferences preferences
            !graph.dead_end[node] && !is_certain(graph, edge);
 }
 
+/// Returns whether an edge that is taken once, with the safest policy from then on, risks more than is
+/// accepted beyond the least; whether it is certain damage where all leads to that.
+bool is_too_risky(const Graph& graph, int edge, int node, Preferences preferences) {
+    if (graph.risk[node] >= 1.0 - ALIKE) return graph.step_risk[edge] >= 1.0;
+    return lasting_risk(graph, graph.risk, edge, ONCE, preferences.discount) >
+           graph.risk[node] + preferences.accepted + 2.0 * ALIKE;
+}
+
 /// Calls a function with all expanded nodes, in one of two orders.
 template <class Function>
 void for_each_node(const Graph& graph, bool backwards, Function function) {
@@ -384,12 +392,15 @@ FirstActions look_up(const Graph& graph, int node, int actions, Preferences pref
     const int start = graph.first_edge[node], end = graph.first_edge[node + 1];
     if (start == end) return first;
     std::vector<PathScore> scores;
-    for (int edge = start; edge < end; ++edge)
+    const bool by_chance = graph.risk_kind[0] != CERTAIN;
+    for (int edge = start; edge < end; ++edge) {
         scores.push_back(score_of(graph, edge, node, discount, unit));
+        if (by_chance && !(graph.flags[edge] & UNSAFE))
+            scores.back().rank = is_too_risky(graph, edge, node, preferences);
+    }
     const int safest = largest_of(scores);
     const PathScore least = scores[safest];
     const double least_risk = shown_risk(graph, start + safest, discount, least);
-    const bool by_chance = graph.risk_kind[0] != CERTAIN;
     if (by_chance && accepted > 0.0)  // an accepted risk counts as that of the safest
         for (int edge = start; edge < end; ++edge) {
             PathScore& score = scores[edge - start];
@@ -415,14 +426,8 @@ FirstActions look_up(const Graph& graph, int node, int actions, Preferences pref
         first.value[action] = value, first.path_risk[action] = risk;
         first.safe_steps[action] = score.steps, first.flags[action] = graph.flags[edge];
         first.reward[action] = graph.reward[edge];
-        if (!by_chance || graph.flags[edge] & UNSAFE) continue;
-        const bool lost = graph.risk[node] >= 1.0 - ALIKE;  // whatever is done
-        if (lost ? graph.step_risk[edge] >= 1.0
-                 : lasting_risk(graph, graph.risk, edge, ONCE, discount) >
-                       graph.risk[node] + accepted + 2.0 * ALIKE)
-            first.flags[action] |= RISKY;
-        else if (risk <= accepted)
-            first.safe_steps[action] = SAFE;
+        if (score.rank == 1) first.flags[action] |= RISKY;
+        if (by_chance && score.rank == 0 && risk <= accepted) first.safe_steps[action] = SAFE;
     }
     first.choice = graph.action[chosen];
     return first;

@@ -39,10 +39,11 @@ class Known:
         self.q = np.array(q, dtype=np.float32)
 
     def propose(self, explorable):
-        return self.propose_greedily()
+        return self.propose_greedily(explorable)
 
     def propose_greedily(self, allowed=None):
-        return Proposal(int(self.q.argmax()), False)
+        instead = -1 if allowed is None else int(np.where(allowed, self.q, -np.inf).argmax())
+        return Proposal(int(self.q.argmax()), False, instead)
 
 
 def learner_acts(strategy):

@@ -121,7 +121,7 @@ def test_the_reason_is_one_that_holds(cases):
             case Reason.NO_APPLICABLE_ACTION:
                 assert not any(view.applicable)
                 assert decision.executed_by is Actor.FALLBACK
-    assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED}
+    assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED, Reason.FEW_WAYS_ON}
     assert min(reasons.values()) >= 5
 
 
@@ -144,6 +144,25 @@ def test_plan_and_judge_proposal_do_not_draw():
     assert arbiter.plan(STATE).reason is Reason.PLANNER_TURN
     assert arbiter.judge_proposal(STATE, Proposal(1, False)).reason is Reason.ACCEPTED
     assert arbiter.state_dict() == before
+
+
+def test_a_refused_proposal_gives_way_to_the_best_that_the_learner_may_do():
+    met = Counter()
+    for seed in range(300):
+        random = Random(seed)
+        model = random.choice(MODELS)
+        arbiter = arbiter_of(ActionMap(model, len(model.actions)), random, "evidence")
+        arbiter.strategy._leads = [True]
+        (state,) = states_of(model, random, 1)
+        values = np.random.default_rng(seed).normal(size=len(model.actions))
+        decision = arbiter.decide(state, Known(values))
+        possible = np.where(decision.admissible, values, -np.inf)
+        if decision.admissible.any():
+            assert decision.action == possible.argmax()
+            assert decision.executed_by is Actor.LEARNER
+            assert decision.vetoed == (decision.action != values.argmax())
+        met[decision.vetoed, bool(decision.admissible.any())] += 1
+    assert min(met[True, True], met[False, True], met[True, False]) >= 5
 
 
 def test_what_is_tried_for_the_sake_of_learning_is_no_plan():

@@ -13,7 +13,7 @@ from serp import _core
 from serp.agent.registry import far_sight
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.forecast import forecast_of, score_of
-from serp.planning.preference import rank_of
+from serp.planning.preference import free_of_risk, rank_of
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.worlds import load
@@ -177,6 +177,20 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(seed, discount, chan
             assert abs(forecast.path_risk[best] - graph.risk[node]) <= 10 * ALIKE
             if graph.risk[node] == 0.0:
                 assert abs(forecast.value[best] - graph.value[node]) <= alike
+
+
+@pytest.mark.parametrize("accepted", [0.0, 0.02])
+def test_a_task_is_not_put_off_for_ever_for_its_risk(accepted):
+    """Where the rewards want its end, what is risked until then counts."""
+    wait, cross = (
+        Out(APPLICABLE, risk, reward, [(1.0, target)])
+        for risk, reward, target in ((0.0, -0.1, 0), (0.1, 10.0, ENDED))
+    )
+    forecast = solved([[wait, cross]], 0.99, accepted).look_up(0)
+    assert forecast.choice == 1 and forecast.path_risk[1] == pytest.approx(0.1)
+    assert free_of_risk(forecast.flags)[:2].all()  # to wait once is no damage, either
+    forecast = solved([[wait._replace(reward=1.0), cross]], 0.99, accepted).look_up(0)
+    assert forecast.choice == 0 and free_of_risk(forecast.flags).tolist()[:2] == [True, False]
 
 
 WAITING = text("waiting")
