@@ -194,6 +194,8 @@ def why_refused(
             return shorter[0] if shorter else f": {text}"
     if reason is Reason.LOW_REWARD:
         return f": it is {readable(reward)}"
+    if reason is Reason.FEW_WAYS_ON:
+        return " beyond the lookahead, where another action leaves more"
     return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 
