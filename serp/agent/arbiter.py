@@ -145,12 +145,7 @@ class Arbiter(Declared):
         action = int(proposal.action)
         if situation.admissible[action]:
             return self._accept(situation, proposal)
-        refusal = self.vetoes.reason_against(situation.known, action)
-        if proposal.instead >= 0 and situation.admissible[proposal.instead]:
-            by, rho = _proposer(proposal), self.strategy.rho
-            return Decision(
-                proposal.instead, Actor.LEARNER, refusal, action, by, rho, *situation.record
-            )
+        refusal = self.vetoes.reason_against(situation.forecast, action)
         return self._planner_acts(situation, action, _proposer(proposal), refusal)
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:

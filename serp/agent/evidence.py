@@ -175,13 +175,13 @@ class Evidence(Strategy):
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
         if self._leads[self.env_index]:
-            return learner.propose_greedily(situation.admissible)
+            return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the proposal of the better policy, without exploration or random draws."""
         if self._rho > 0.5 or situation.forecast.indifferent:
-            return learner.propose_greedily(situation.admissible)
+            return learner.propose_greedily()
         return None
 
     def end_episode(self, return_: float, length: int) -> None:

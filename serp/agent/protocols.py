@@ -72,8 +72,8 @@ class Proposer(Protocol):
     def propose(self, explorable: Mask | None) -> Proposal:
         """Propose an action; explore among `explorable` `[E]`, None for all."""
 
-    def propose_greedily(self, allowed: Mask | None = None) -> Proposal:
-        """Propose the action with the largest value, and the best one of those `allowed`."""
+    def propose_greedily(self) -> Proposal:
+        """Propose the action with the largest value."""
 
 
 class Learner(Stateful, Protocol):
@@ -106,11 +106,8 @@ class Learner(Stateful, Protocol):
     def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
         """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
 
-    def propose_greedily(self, x: Vector, allowed: Mask | None = None) -> Proposal:
-        """Propose the action with the largest value for an input `[F]`.
-
-        Where it is not among the `allowed` `[E]`, the best of these is proposed instead of it.
-        """
+    def propose_greedily(self, x: Vector) -> Proposal:
+        """Propose the action with the largest value for an input `[F]`."""
 
     def remember(
         self,
@@ -151,6 +148,6 @@ class LearnerProposer:
         """Propose an action, with exploration."""
         return self._learner.propose(self._x, explorable)
 
-    def propose_greedily(self, allowed: Mask | None = None) -> Proposal:
-        """Propose the action with the largest value, and the best one of those `allowed`."""
-        return self._learner.propose_greedily(self._x, allowed)
+    def propose_greedily(self) -> Proposal:
+        """Propose the action with the largest value."""
+        return self._learner.propose_greedily(self._x)

@@ -163,11 +163,7 @@ def who_decided(
             why = f"; {proposal}{why}"
         problem = str(reason).capitalize() if reason in of_all else f"Refused: {reason}"
         lines.append(f"{problem}{why}.")
-        whose = {
-            Actor.PLANNER: "the planner's choice",
-            Actor.LEARNER: "the best that the learner knows and nothing refuses",
-            Actor.FALLBACK: "the least bad",
-        }
+        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
         lines.append(
             f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
             if action != proposal

@@ -153,7 +153,7 @@ class Strategy(Declared):
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""
-        return learner.propose_greedily(situation.admissible)
+        return learner.propose_greedily()
 
     def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's action that the learner is to imitate in a state; -1: none."""
@@ -166,7 +166,7 @@ class Strategy(Declared):
 class Mixture(Strategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
 
-    The learner explores among all actions; the planner replaces proposals that are refused.
+    The learner explores among all actions; its proposals may be refused.
     """
 
     STATE: ClassVar[Mapping[str, Reader]] = {"_rho": probability, "_random": random}
@@ -187,10 +187,6 @@ class Mixture(Strategy):
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""
         return None if self._random.random() > self._rho else learner.propose(None)
-
-    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's choice."""
-        return learner.propose_greedily()
 
     def end_episode(self, return_: float, length: int) -> None:
         """Increase ρ."""

@@ -33,13 +33,10 @@ class Proposal(NamedTuple):
     Attributes:
         action: Index of the action.
         exploratory: Whether it was drawn at random.
-        instead: The learner's best action among those that are not refused, where this one is
-            refused; -1: none is known.
     """
 
     action: int
     exploratory: bool
-    instead: int = -1
 
 
 class DQN:
@@ -108,31 +105,21 @@ class DQN:
 
         Args:
             x: One input ``[F]``.
-            explorable: ``[A]`` actions that are not refused; None, or none True: all.
+            explorable: ``[A]``; None, or none True: all.
         """
         rng = self._explore_rng
         if rng.random() >= self.epsilon:
-            return self.propose_greedily(x, explorable)
+            return self.propose_greedily(x)
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
         return Proposal(int(actions[rng.integers(len(actions))]), True)
 
-    def propose_greedily(
-        self, x: npt.NDArray[np.floating], allowed: npt.NDArray[np.bool_] | None = None
-    ) -> Proposal:
-        """Choose the action with the largest Q for one input ``[F]``; draw nothing at random.
-
-        Where it is not among the `allowed` ``[A]``, the best of these is proposed instead of it.
-        """
+    def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
+        """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self.learning.online.q(x)
-        action, instead = best_of(q), -1
-        if allowed is not None and not allowed[action] and allowed.any():
-            others = np.flatnonzero(allowed)
-            instead = int(others[best_of(q[others])])
-        return Proposal(action, False, instead)
+        return Proposal(best_of(self.learning.online.q(x)), False)
 
     def remember(
         self,

@@ -116,7 +116,7 @@ class _Unknown:
         """Propose any action."""
         return Proposal(0, False)
 
-    def propose_greedily(self, allowed: Mask | None = None) -> Proposal:
+    def propose_greedily(self) -> Proposal:
         """Propose any action."""
         return Proposal(0, False)
 

@@ -84,19 +84,15 @@ class Table:
     def propose(self, x: Any, explorable: Any = None) -> serp.Proposal:
         """Propose the best action, or with probability ε any explorable one."""
         if self._random.random() >= self.epsilon:
-            return self.propose_greedily(x, explorable)
+            return self.propose_greedily(x)
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
         return serp.Proposal(int(self._random.choice(actions)), True)
 
-    def propose_greedily(self, x: Any, allowed: Any = None) -> serp.Proposal:
-        """Propose the best action, and the best of those that are allowed instead of it."""
-        values = self._values(x)
-        best, instead = int(values.argmax()), -1
-        if allowed is not None and not allowed[best] and allowed.any():
-            instead = int(np.where(allowed, values, -np.inf).argmax())
-        return serp.Proposal(best, False, instead)
+    def propose_greedily(self, x: Any) -> serp.Proposal:
+        """Propose the best action."""
+        return serp.Proposal(int(self._values(x).argmax()), False)
 
     def remember(
         self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,

@@ -273,7 +273,7 @@ class _ExternalLearner(NamedTuple):
     name: str
     actions: int
 
-    def propose_greedily(self, x: Vector, allowed: object = None) -> Proposal:
+    def propose_greedily(self, x: Vector) -> Proposal:
         """Propose the greedy action for one input `[F]`."""
         with _blamed(self.name):
             (action,) = self.external.act(x[np.newaxis].astype(np.float32))

@@ -36,22 +36,19 @@ class Wild:
 
     def propose(self, x, explorable):
         if self.random.random() < 0.5:
-            return self.propose_greedily(x, explorable)
+            return self.propose_greedily(x)
         allowed = np.arange(self.actions)
         if explorable is not None and explorable.any():
             allowed = np.flatnonzero(explorable)
         return Proposal(int(self.random.choice(allowed)), True)
 
-    def propose_greedily(self, x, allowed=None):
+    def propose_greedily(self, x):
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
         values = np.where(
             self.random.random(self.actions) < 0.2, wild, self.random.normal(size=self.actions)
         )
         q = values.astype(np.float32)
-        best, instead = best_of(q), -1
-        if allowed is not None and not allowed[best] and allowed.any():
-            instead = int(self.random.choice(np.flatnonzero(allowed)))
-        return Proposal(best, False, instead)
+        return Proposal(best_of(q), False)
 
 
 @dataclass(frozen=True)

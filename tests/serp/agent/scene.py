@@ -39,11 +39,10 @@ class Known:
         self.q = np.array(q, dtype=np.float32)
 
     def propose(self, explorable):
-        return self.propose_greedily(explorable)
+        return self.propose_greedily()
 
-    def propose_greedily(self, allowed=None):
-        instead = -1 if allowed is None else int(np.where(allowed, self.q, -np.inf).argmax())
-        return Proposal(int(self.q.argmax()), False, instead)
+    def propose_greedily(self):
+        return Proposal(int(self.q.argmax()), False)
 
 
 def learner_acts(strategy):

@@ -146,25 +146,6 @@ def test_plan_and_judge_proposal_do_not_draw():
     assert arbiter.state_dict() == before
 
 
-def test_a_refused_proposal_gives_way_to_the_best_that_the_learner_may_do():
-    met = Counter()
-    for seed in range(300):
-        random = Random(seed)
-        model = random.choice(MODELS)
-        arbiter = arbiter_of(ActionMap(model, len(model.actions)), random, "evidence")
-        arbiter.strategy._leads = [True]
-        (state,) = states_of(model, random, 1)
-        values = np.random.default_rng(seed).normal(size=len(model.actions))
-        decision = arbiter.decide(state, Known(values))
-        possible = np.where(decision.admissible, values, -np.inf)
-        if decision.admissible.any():
-            assert decision.action == possible.argmax()
-            assert decision.executed_by is Actor.LEARNER
-            assert decision.vetoed == (decision.action != values.argmax())
-        met[decision.vetoed, bool(decision.admissible.any())] += 1
-    assert min(met[True, True], met[False, True], met[True, False]) >= 5
-
-
 def test_what_is_tried_for_the_sake_of_learning_is_no_plan():
     """In its turn in training the planner tries something; its plan and all others stay."""
     plain = two(rho=0.0)
