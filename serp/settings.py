@@ -158,11 +158,10 @@ class PlannerSettings(Section):
     """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
     plan ends at the deepest complete layer. The first layer is always expanded."""
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
-    """Largest predicted probability of damage that one decision may add, in the step itself or on
-    the path that follows. An action whose step has no larger risk counts as safe; a path that risks
-    at most so much more than the least counts as one of the least risk, unless it is certain to do
-    damage. 0: the least risk comes before any reward. A model that is not adapted predicts no such
-    probabilities."""
+    """Largest predicted probability of damage beyond the least possible one: until the task ends
+    where the planner sees to its end, else of a step and on the path that follows. Damage that is
+    certain is not accepted. 0: the least risk comes before any reward. A model that is not adapted
+    predicts no such probabilities."""
 
 
 class AdaptationSettings(Section):
@@ -199,7 +198,8 @@ class ArbiterSettings(Section):
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
     """`step` vetoes what the next step predicts. `lookahead` also vetoes what leads, within the
     lookahead, to a state in which every action is unsafe, while another action does not, unless
-    the lookahead has failed too often to predict what is unsafe."""
+    the lookahead has failed too often to predict what is unsafe. Once it has failed, an action also
+    has to leave two safe ways on beyond it, if another one does."""
     unmodelled: Literal["allow", "veto"] = "allow"
     """What to do with environment actions that the domain does not mention."""
 

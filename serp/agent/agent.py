@@ -257,12 +257,13 @@ class Agent:
         self.arbiter.vetoes.reliability.cut_off()
         self._waiting.clear()
 
-    def remember(self, step: StepRecord) -> None:
-        """Store an env step to be learned from."""
+    def remember(self, step: StepRecord, following: Decision | None = None) -> None:
+        """Store an env step to be learned from, given the decision after it in its episode."""
         decision = step.decision
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
             self.strategy.imitated(decision.forecast),
+            None if following is None else following.admissible,
         )  # fmt: skip
 
     def learn(self) -> float | None:
@@ -311,11 +312,13 @@ def account_of(agent: Agent) -> dict[str, Any]:
     Returns:
         ``trained_policy``: in words, what the policy `serp` does. ``evidence``: why, from the
         returns of planner and learner; null for strategies that do not go by evidence. ``model``:
-        which learned parts the planner's model uses, and why others are not in use.
+        which learned parts the planner's model uses, and why others are not in use. ``safety``: in
+        words, how often the lookahead failed, and what risk held back.
     """
     evidence = agent.strategy.evidence
     return {
         "trained_policy": agent.strategy.choice,
         "evidence": None if evidence is None else evidence.as_dict(),
         "model": agent.adaptation.adoption.as_dict(),
+        "safety": agent.arbiter.vetoes.account(),
     }

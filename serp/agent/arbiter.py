@@ -127,6 +127,8 @@ class Arbiter(Declared):
     def _situation(self, state: Vector, *, plan: bool = False) -> Situation:
         """Return the situation in a state: planned, or else what is safe, if the planner can."""
         checked = None
+        if hasattr(self.planner, "farther"):
+            self.planner.farther = self.vetoes.looks_farther
         if not plan and hasattr(self.planner, "check_safety"):
             checked = self.planner.check_safety(state)
         known = self.forecast(state) if checked is None else self.actions.project(checked)

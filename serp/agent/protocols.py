@@ -118,11 +118,13 @@ class Learner(Stateful, Protocol):
         terminated: bool,
         truncated: bool,
         imitated: int = -1,
+        allowed: Mask | None = None,
     ) -> None:
         """Store an env step in the replay memory.
 
         Observations are inputs `[F]`; `action` is the executed environment action. `imitated` is
-        the planner's action, to be imitated; -1: none.
+        the planner's action, to be imitated; -1: none. `allowed` `[E]` are the actions that may be
+        executed after the step; None: all.
         """
 
     def learn(self) -> float | None:

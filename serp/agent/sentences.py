@@ -13,7 +13,7 @@ from serp.agent.causes import Cause, listed_values
 from serp.agent.counterfactuals import Counterfactual, Counterfactuals
 from serp.agent.decision import Actor, Reason
 from serp.agent.explanation import Alternative, RunnerUp, unsafe_ahead
-from serp.planning.forecast import Bound, Forecast
+from serp.planning.forecast import Bound, Forecast, held_back
 
 TO_THE_UNKNOWN: Final = (
     "The planner found nothing better within reach, so it explores. Unknown states are valued "
@@ -107,6 +107,11 @@ def special_about(forecast: Forecast) -> list[str]:
         )
     if chosen >= 0 and forecast.bound.partial:
         sentences.append(PARTIAL)
+    if needed := held_back(forecast):
+        sentences.append(
+            "An action that is worth more is left out because of its risk; "
+            f"planner.accepted_risk={readable(needed)} would let it pass."
+        )
     if chosen < 0 or forecast.safe:
         return sentences
     steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
@@ -185,6 +190,8 @@ def why_refused(
             return shorter[0] if shorter else f": {text}"
     if reason is Reason.LOW_REWARD:
         return f": it is {readable(reward)}"
+    if reason is Reason.FEW_WAYS_ON:
+        return " beyond the lookahead, where another action leaves more"
     return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 

@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from serp._util.saved_state import Declared, Reader, count, part
-from serp._util.text import plural
+from serp._util.saved_state import Declared, Reader, count, part, probability
+from serp._util.text import percent, plural
 from serp.agent.decision import Reason
 from serp.agent.protocols import Mask
 from serp.agent.step_record import StepRecord
 from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
-from serp.planning.forecast import SAFE
+from serp.planning.forecast import SAFE, held_back
 from serp.settings import ArbiterSettings
 from serp.tasks.action_map import ActionForecast, ActionMap
 
@@ -92,10 +92,15 @@ class VetoPolicy(Declared):
         refuses: As given.
         reliability: Counts how often the lookahead failed in training.
         allowed_unknown: `[E]` actions that the model does not know and that may be executed.
+        held_back: Env steps of training in which an action that is worth more than the planner's
+            choice was left out because of its risk.
+        needed_risk: The least risk that would have had to be accepted for one of these; 0: none.
         env_index: Environment, from 0, that the next observed step comes from.
     """
 
-    STATE: ClassVar[Mapping[str, Reader]] = {"reliability": part}
+    STATE: ClassVar[Mapping[str, Reader]] = {
+        "reliability": part, "held_back": count, "needed_risk": probability,
+    }  # fmt: skip
 
     def __init__(
         self,
@@ -109,8 +114,15 @@ class VetoPolicy(Declared):
         self._settings = settings
         self.refuses = refuses
         self.reliability = LookaheadReliability(horizon)
+        self.held_back, self.needed_risk = 0, 0.0
         self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
+
+    @property
+    def looks_farther(self) -> bool:
+        """Whether actions have to leave ways on beyond the lookahead: once it has failed."""
+        ahead = self._settings.veto_horizon == "lookahead" and self.reliability.reliable
+        return self.refuses and ahead and self.reliability.failures > 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
@@ -142,7 +154,23 @@ class VetoPolicy(Declared):
         r_min = self._settings.r_min
         if r_min is not None and forecast.reward[action] < r_min:
             return Reason.LOW_REWARD
+        if self.looks_farther and forecast.safe_steps[action] >= forecast.depth:
+            return Reason.FEW_WAYS_ON
         return Reason.UNSAFE_AHEAD
+
+    def account(self) -> str:
+        """Return in words how often the lookahead failed, and what risk held back."""
+        counted = self.reliability
+        share = percent((counted.failures + 1) / (counted.steps + 2))  # Laplace's rule
+        text = f"The lookahead failed {counted}: {share} a step"
+        if self.looks_farther:
+            text += ". Actions have to leave two safe ways on beyond it"
+        elif not counted.reliable:
+            text += ". Vetoes use the next step alone"
+        if self.held_back:
+            text += f". In {plural(self.held_back, 'step')} risk held back an action worth more; "
+            text += f"planner.accepted_risk from {percent(self.needed_risk)} on may let one pass"
+        return text
 
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
@@ -150,6 +178,9 @@ class VetoPolicy(Declared):
         It failed if something unsafe happened that it had predicted to be avoidable.
         """
         decision = step.decision
+        if needed := held_back(decision.forecast):
+            self.needed_risk = min(needed, self.needed_risk or needed)
+            self.held_back += 1
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
         return self.refuses and self.reliability.observe(

@@ -130,6 +130,7 @@ class DQN:
         terminated: bool,
         truncated: bool,
         imitated: int = -1,
+        allowed: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         """Store one env step with the *executed* action; see `ReplayBuffer.add`.
 
@@ -143,9 +144,11 @@ class DQN:
                 f"learner: rewards such as {reward:g} add up to a return of {largest:g}, more "
                 f"than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards."
             )
+        if self.settings.target_polyak is None:
+            allowed = None  # the paper's equation 3
         self.replay.add(
             observation, action, reward, next_observation, terminated, truncated, imitated,
-            self.env_index,
+            self.env_index, allowed,
         )  # fmt: skip
         self.env_steps += 1
 

@@ -62,19 +62,22 @@ struct ReplaySamples {
     using Rows = Out<float, nb::ndim<2>>;
     using Numbers = Out<float, nb::ndim<1>>;
     using Actions = Out<std::int64_t, nb::ndim<1>>;
+    using Bits = Out<std::uint8_t, nb::ndim<2>>;
 
     ReplaySamples(Rows observation, Actions action, Numbers reward, Rows next_observation,
-                  Numbers discount, Actions imitated)
+                  Numbers discount, Actions imitated, Bits allowed)
         : observation(std::move(observation)),
           action(std::move(action)),
           reward(std::move(reward)),
           next_observation(std::move(next_observation)),
           discount(std::move(discount)),
-          imitated(std::move(imitated)) {
+          imitated(std::move(imitated)),
+          allowed(std::move(allowed)) {
         require(this->observation.shape(0) == count() &&
                     this->next_observation.shape(0) == count() &&
                     this->next_observation.shape(1) == inputs() && this->reward.size() == count() &&
-                    this->discount.size() == count() && this->imitated.size() == count(),
+                    this->discount.size() == count() && this->imitated.size() == count() &&
+                    this->allowed.shape(0) == count(),
                 "the fields of samples have other shapes");
     }
 
@@ -87,6 +90,7 @@ struct ReplaySamples {
     Rows next_observation;
     Numbers discount;
     Actions imitated;
+    Bits allowed;
 };
 
 /// Positions of samples [E * B].
@@ -95,7 +99,7 @@ using Drawn = In<std::int64_t, nb::ndim<1>>;
 /// Writes the gradient of each member's mean loss; returns the mean loss over members and batch.
 ///
 /// The target of a sample is reward + discount * next_q[best], with best the action of largest
-/// choice_q (the lowest index in a tie). With an action g to be imitated, weight * (max over a of
+/// choice_q among the allowed ones, or all where none is (the lowest index in a tie). With an action g to be imitated, weight * (max over a of
 /// (q[a] + margin * [a != g]) - q[g]) is added to the loss of the sample. q and the like are
 /// [E * B, A].
 double td_gradient(const float* q, const float* next_q, const float* choice_q, size_t actions,
@@ -109,7 +113,12 @@ double td_gradient(const float* q, const float* next_q, const float* choice_q, s
         float* gradient = q_gradient + row;
         const auto chosen = static_cast<size_t>(samples.action.data()[sample]);
         require(chosen < actions, "an action is out of range");
-        const size_t best = std::max_element(choice, choice + actions) - choice;
+        const std::uint8_t* allowed = samples.allowed.data() + sample * samples.allowed.shape(1);
+        size_t best = actions;
+        for (size_t k = 0; k < actions; ++k)
+            if (allowed[k / 8] >> (k % 8) & 1 && (best == actions || choice[k] > choice[best]))
+                best = k;
+        if (best == actions) best = std::max_element(choice, choice + actions) - choice;
         const float error = own[chosen] - (samples.reward.data()[sample] +
                                            samples.discount.data()[sample] * next_q[row + best]);
         std::fill_n(gradient, actions, 0.0f);
@@ -165,7 +174,8 @@ public:
     double update(const ReplaySamples& samples, const Drawn& drawn, float imitation_weight) {
         const size_t batch = next_pass_.batch, members = online.members();
         const size_t outputs = batch * online.actions();
-        require(drawn.size() == members * batch && samples.inputs() == online.inputs(),
+        require(drawn.size() == members * batch && samples.inputs() == online.inputs() &&
+                    samples.allowed.shape(1) == (online.actions() + 7) / 8,
                 "the samples have other shapes than the network");
         for (size_t i = 0; i < drawn.size(); ++i)
             require(drawn.data()[i] >= 0 &&
@@ -254,10 +264,12 @@ void bind_gradient_updates(nb::module_& module) {
                               "N samples in arrays, which are those given; see "
                               "`serp.learning.replay`.")
         .def(nb::init<ReplaySamples::Rows, ReplaySamples::Actions, ReplaySamples::Numbers,
-                      ReplaySamples::Rows, ReplaySamples::Numbers, ReplaySamples::Actions>(),
+                      ReplaySamples::Rows, ReplaySamples::Numbers, ReplaySamples::Actions,
+                      ReplaySamples::Bits>(),
              nb::arg("observation").noconvert(), nb::arg("action").noconvert(),
              nb::arg("reward").noconvert(), nb::arg("next_observation").noconvert(),
-             nb::arg("discount").noconvert(), nb::arg("imitated").noconvert());
+             nb::arg("discount").noconvert(), nb::arg("imitated").noconvert(),
+             nb::arg("allowed").noconvert());
     nb::class_<QLearning>(module, "QLearning",
                           "A Q-network, its target network, and their gradient updates.")
         .def(nb::init<const std::vector<size_t>&, bool, size_t, size_t, float, float,

@@ -50,7 +50,8 @@ class ReplayBuffer:
             ``[N]``; `reward` float32 ``[N]``, the discounted sum of up to n rewards;
             `next_observation` float32 ``[N, F]`` after the last of them; `discount` float32
             ``[N]``, γᵏ for k rewards, 0 where the episode terminated; `imitated` int64 ``[N]``,
-            action to be imitated in the state before the action, -1: none.
+            action to be imitated in the state before the action, -1: none; `allowed` uint8
+            ``[N, ⌈A / 8⌉]``, the actions that may be executed after the last reward, a bit each.
         compiled: The same memory for compiled code.
     """
 
@@ -73,6 +74,7 @@ class ReplayBuffer:
             "next_observation": np.zeros((count, input_size), np.float32),
             "discount": np.zeros(count, np.float32),
             "imitated": np.zeros(count, np.int64),
+            "allowed": np.zeros((count, -(-action_count // 8)), np.uint8),
         }
         self.compiled = _core.ReplaySamples(**self.samples)
         self._pending = defaultdict[int, deque[PendingStep]](deque)
@@ -90,6 +92,7 @@ class ReplayBuffer:
         truncated: bool,
         imitated: int = -1,
         env_index: int = 0,
+        allowed: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         """Add one env step.
 
@@ -103,20 +106,27 @@ class ReplayBuffer:
             truncated: The episode was cut off; the value of its last state is estimated.
             imitated: Action to be imitated in the state before the step; -1: none.
             env_index: Environment, from 0, that the step comes from.
+            allowed: ``[A]`` actions that are not refused after the step; None, or none True: all.
+                Values of the others do not count, as they are never executed (invalid action
+                masking: Huang & Ontañón, FLAIRS 2022).
         """
+        if allowed is None:
+            allowed = np.ones(self._action_count, np.bool_)
+        bits = np.packbits(allowed, bitorder="little")
         pending = self._pending[env_index]
         pending.append(PendingStep(np.array(observation, np.float32), action, imitated))
         for age, waiting in enumerate(reversed(pending)):
             waiting.reward += self._powers[age] * reward
         ended = terminated or truncated
         while pending and (ended or len(pending) == self._settings.n_step):
-            self._emit(pending, next_observation, terminated)
+            self._emit(pending, next_observation, terminated, bits)
 
     def _emit(
         self,
         pending: deque[PendingStep],
         next_observation: npt.NDArray[np.floating],
         terminated: bool,
+        allowed: npt.NDArray[np.uint8],
     ) -> None:
         """Turn the oldest pending step into a sample."""
         row, samples = self._head, self.samples
@@ -129,6 +139,7 @@ class ReplayBuffer:
         samples["reward"][row] = step.reward
         samples["next_observation"][row] = next_observation
         samples["imitated"][row] = step.imitated
+        samples["allowed"][row] = allowed
 
     def draw(self, count: int) -> type_I64:
         """Draw positions of samples ``[count]``, uniformly and with replacement."""
@@ -210,7 +221,8 @@ class ReplayBuffer:
         if size > capacity or (size < capacity and head != size):
             raise saved.wrong(f"there are {size} samples and the head is {head}")
         last = self._action_count - 1
-        bounds = {"discount": (0.0, 1.0), "action": (0, last), "imitated": (-1, last)}
+        bounds = {"discount": (0.0, 1.0), "action": (0, last), "imitated": (-1, last),
+                  "allowed": (0, 255)}  # fmt: skip
         for name, array in self.samples.items():
             low, high = bounds.get(name, (-LARGEST, LARGEST))
             saved.array(name, array.dtype, (size, *array.shape[1:]), low, high)

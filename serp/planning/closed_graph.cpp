@@ -32,6 +32,8 @@ void for_each_column(Of& of, int actions, Visit visit) {
     visit("risk", of.risk, nodes, 0.0, 1.0);
     visit("steps", of.steps, nodes, -1.0, SAFE);
     visit("inside", of.inside, nodes, 0.0, 1.0);
+    visit("slack", of.slack, nodes, 0.0, 1.0);
+    visit("risk_kind", of.risk_kind, 1, CERTAIN, UNTIL_END);
     visit("first_edge", of.first_edge, of.first_edge.size(), 0.0, edges);
     visit("action", of.action, edges, 0.0, actions - 1);
     visit("flags", of.flags, edges, 0.0, MOST);
@@ -147,8 +149,7 @@ void ClosedGraph::expand_node() {
             if (flags & UNDEFINED) graph_.undefined[node] = 1;
             continue;
         }
-        const double risk = step_risk(flags, preferences_.accepted);
-        graph_.add_edge(action, marked(flags, risk), risk);
+        graph_.add_edge(action, flags, step_risk(flags, 0.0));
         if (!branches) {
             add_outcome(row, flags, 1.0, layer);
             continue;
@@ -205,13 +206,8 @@ std::optional<FirstActions> ClosedGraph::forecast(const double* state) {
 }
 
 bool ClosedGraph::ends(const double* state) const {
-    int node = find(state);
-    for (int steps = 0; steps <= graph_.nodes() && node >= 0; ++steps) {
-        if (!graph_.inside[node] || graph_.best[node] < 0) return false;
-        node = graph_.target[graph_.first_outcome[graph_.best[node]]];
-        if (node == ENDED) return true;
-    }
-    return false;
+    const int node = find(state);
+    return node >= 0 && graph_.inside[node] && serp::ends(graph_, node);
 }
 
 bool ClosedGraph::spreads() const {

@@ -74,6 +74,15 @@ class FarSightPlanner:
         self._saved = self._price = self._cells_at = 0
         self._cells_price = 1
 
+    @property
+    def farther(self) -> bool:
+        """Whether the lookahead looks farther for what is safe, see `Lookahead.farther`."""
+        return self._lookahead.farther
+
+    @farther.setter
+    def farther(self, farther: bool) -> None:
+        self._lookahead.farther = farther
+
     def begin_episode(self) -> None:
         """Say that another episode begins, perhaps in another world, which is searched anew."""
         self._new_episode = True

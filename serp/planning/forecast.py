@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, UNSAFE
+from serp.model.flags import APPLICABLE, RISKY, UNSAFE, risks_of
 from serp.planning.preference import PathScore, path_score, rank_of
 
 SAFE = 1 << 30
@@ -136,6 +136,20 @@ def _rounded(number: float) -> float:
 def forecast_of(fields: tuple[Any, ...]) -> Forecast:
     """Return the forecast whose fields compiled code returned."""
     return Forecast._make((*fields[:-1], Bound(fields[-1])))
+
+
+def held_back(of: Any) -> float:
+    """Return the least risk to accept for an action that is worth more than the choice.
+
+    `of` is a kind of forecast. 0 where no such action is left out for its risk, or is flagged.
+    """
+    choice = of.choice
+    if choice < 0 or not (of.flags & RISKY).any():
+        return 0.0
+    chance = ((of.flags & (RISKY | UNSAFE)) == RISKY) & (of.path_risk < 1.0)
+    chance &= of.value > of.value[choice]
+    needed = np.maximum(of.path_risk - of.path_risk[choice], risks_of(of.flags))
+    return float(needed[chance].min(initial=1.0)) if chance.any() else 0.0
 
 
 def score_of(of: Any, action: int) -> PathScore:

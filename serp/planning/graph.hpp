@@ -15,6 +15,10 @@ namespace serp {
 /// In place of the node that an outcome leads to: the task ends.
 inline constexpr std::int32_t ENDED = -1;
 
+/// What the risks of a graph are: damage is certain or does not happen; the probability of damage,
+/// discounted; the probability that the task does not end without damage.
+inline constexpr std::uint8_t CERTAIN = 0, DISCOUNTED = 1, UNTIL_END = 2;
+
 /// A planning graph of N nodes, E edges and O outcomes. The first `expanded` nodes have edges: those
 /// of node n are `first_edge[n]` to `first_edge[n + 1]`, and outcomes of edges likewise.
 ///
@@ -30,7 +34,7 @@ struct Graph {
     std::vector<std::int32_t> action;            ///< [E]
     std::vector<Flags> flags;                    ///< [E]
     std::vector<double> reward;                  ///< [E]
-    std::vector<double> step_risk;               ///< [E] 0 where the risk is accepted
+    std::vector<double> step_risk;               ///< [E] probability of damage in the step
     std::vector<double> going_on;                ///< [E] learned probability that the task goes on
     std::vector<std::int32_t> first_outcome{0};  ///< [E + 1]
     std::vector<std::int32_t> target;            ///< [O] node that an outcome leads to, or ENDED
@@ -41,6 +45,8 @@ struct Graph {
     std::vector<std::int64_t> steps;     ///< [N]
     std::vector<std::int32_t> best;      ///< [N] its edge; -1 where no action is applicable
     std::vector<std::uint8_t> inside;    ///< [N] whether it stays among expanded nodes
+    std::vector<std::uint8_t> slack;     ///< [N] whether more than the least may be risked there
+    std::vector<std::uint8_t> risk_kind{0};  ///< [1] see below
     std::vector<std::uint8_t> dead_end;  ///< [N] whether damage is certain, whatever is done
 
     int nodes() const { return static_cast<int>(layer.size()); }
@@ -49,7 +55,7 @@ struct Graph {
     int outcomes() const { return static_cast<int>(target.size()); }
     /// Bytes of all columns.
     std::size_t bytes() const {
-        return layer.size() * (8 * static_cast<std::size_t>(width) + 43) + action.size() * 40 +
+        return layer.size() * (8 * static_cast<std::size_t>(width) + 44) + action.size() * 40 +
                target.size() * 12;
     }
     const double* state(int node) const {
@@ -63,6 +69,7 @@ struct Graph {
         going_on.clear();
         first_outcome.assign(1, 0), target.clear(), chance.clear();
         value.clear(), risk.clear(), steps.clear(), best.clear(), inside.clear(), dead_end.clear();
+        slack.clear(), risk_kind.assign(1, CERTAIN);
     }
 
     /// Adds a node with a state [F], which lies outside `states`; returns it.

@@ -16,6 +16,8 @@ namespace {
 
 constexpr Flags BITS = 0x1F;
 constexpr double INF = std::numeric_limits<double>::infinity();
+/// Ways on are followed to so many times the depth, and so many are enough.
+constexpr int FARTHER = 4, WAYS = 2;
 
 }  // namespace
 
@@ -43,7 +45,78 @@ LookaheadForecast Lookahead::forecast(const double* state, const CellValues* lea
     }
     paths_.resize(start);
     for (int node = start - 1; node >= 0; --node) choose(node, start, found.first);
+    if (farther_) look_farther(state, found, found.depth);
     return found;
+}
+
+/// Takes SAFE from first actions that leave too few ways on, where others leave more; the choice is then
+/// among those. Returns whether nothing was taken.
+///
+/// It is an approximation of the viability kernel (Aubin, "Viability theory", 1991) by the states from
+/// which simple ways go on (model predictive shielding: Bastani, ACC 2021). One way on is as good as
+/// the model is exact; a second one is there when the first fails.
+bool Lookahead::look_farther(const double* state, LookaheadForecast& found, int depth) {
+    FirstActions& first = found.first;
+    const int horizon = FARTHER * rules_.depth;
+    ways_.resize((horizon + std::size_t{3}) * (width_ + 1));
+    std::vector<int> safe, ways;
+    for (int action = 0; action < actions_; ++action) {
+        if (first.safe_steps[action] != SAFE) continue;
+        stepper_->from(state);
+        const Flags flags = stepper_->step(action, ways_.data());
+        safe.push_back(action);
+        ways.push_back(flags & TERMINAL ? WAYS : ways_on(horizon, found.followed));
+    }
+    const int most = safe.empty() ? 0 : *std::max_element(ways.begin(), ways.end());
+    bool all = true, chosen = false;
+    for (std::size_t k = 0; k < safe.size(); ++k) {
+        if (ways[k] >= most) continue;
+        first.safe_steps[safe[k]] = depth, all = false;
+        first.path_risk[safe[k]] = 1.0;
+        chosen = chosen || first.choice == safe[k];
+    }
+    if (!chosen) return all;
+    first.choice = -1;
+    for (const int action : safe)
+        if (first.safe_steps[action] == SAFE &&
+            (first.choice < 0 || first.value[action] > first.value[first.choice]))
+            first.choice = action;
+    return all;
+}
+
+/// Returns with how many actions a way on begins in the state of the first row of `ways_`, at most WAYS:
+/// it holds an action, and from some control period on another one, without risk up to the horizon.
+int Lookahead::ways_on(int horizon, std::int64_t& followed) {
+    const std::size_t width = width_ + std::size_t{1};
+    const auto row = [&](int at) { return ways_.data() + at * width; };
+    double *now = row(horizon + 1), *next = row(horizon + 2);
+    const auto goes_on = [&](int action, const double* from, double* to, bool& ends) {
+        stepper_->from(from);
+        const Flags flags = stepper_->step(action, to);
+        ++followed;
+        const bool safe = flags & APPLICABLE && step_risk(flags, rules_.accepted) == 0.0;
+        ends = safe && flags & TERMINAL;
+        return safe;
+    };
+    int count = 0;
+    for (int action = 0; action < actions_ && count < WAYS; ++action) {
+        int held = 0;
+        bool ends = false;
+        while (held < horizon && !ends && goes_on(action, row(held), row(held + 1), ends)) ++held;
+        bool safe = ends || held == horizon;
+        for (int at = held; at > 0 && !safe; --at)
+            for (int other = 0; other < actions_ && !safe; ++other) {
+                if (other == action) continue;
+                std::copy_n(row(at), width, now);
+                int on = at;
+                ends = false;
+                for (; on < horizon && !ends && goes_on(other, now, next, ends); ++on)
+                    std::copy_n(next, width, now);
+                safe = ends || on == horizon;
+            }
+        count += safe;
+    }
+    return count;
 }
 
 /// Expands the nodes of a layer; returns whether there was room for its edges.
@@ -182,6 +255,7 @@ LookaheadForecast Lookahead::check_safety(const double* state) {
         some = some || safe;
         all = all && safe;
     }
+    if (farther_) all = look_farther(state, found, rules_.depth) && all;
     found.bound = some && all ? Bound::SAFETY : Bound::NODES;
     return found;
 }
@@ -218,6 +292,7 @@ std::vector<LookaheadForecast> Lookahead::forecast_batch(const double* states, i
     std::vector<LookaheadForecast> found(count, LookaheadForecast{FirstActions(0)});
     const auto part = [&](int thread) {
         Lookahead& its = thread ? *others_[thread - 1] : *this;
+        its.farther_ = farther_;
         for (int k = thread; k < count; k += threads)
             found[k] = its.forecast(states + static_cast<std::size_t>(k) * width_, leaves);
     };
@@ -294,6 +369,8 @@ void bind_lookahead(nb::module_& module) {
             }, nb::arg("state"), "Return what says only which actions are safe, as `forecast` does.")
         .def("forecast_batch", &forecast_batch, nb::arg("states"), nb::arg("leaves").none(),
              nb::arg("threads"), "Return what `forecast` returns for states [B, F].")
+        .def_rw("farther", &Lookahead::farther_,
+                "Whether a first action counts as safe only if it leaves as many ways on as others.")
         .def("paths", &paths_of,
              "Return value, risk, safe steps and first action (-1 for none) of the best path from "
              "each expanded state of the newest forecast, in the order in which they were found.");

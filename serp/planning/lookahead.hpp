@@ -66,6 +66,8 @@ public:
     const std::vector<Path>& paths() const { return paths_; }
     int width() const { return width_; }
 
+    bool farther_ = false;  ///< whether a first action is safe only if it leaves enough ways on
+
 private:
     /// An edge from a node to the next layer.
     struct Edge {
@@ -80,6 +82,8 @@ private:
                 const CellValues* leaves, LookaheadForecast& found);
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
+    bool look_farther(const double* state, LookaheadForecast& found, int depth);
+    int ways_on(int horizon, std::int64_t& followed);
     bool safe_path_from(const double* state, int depth, std::int64_t& followed);
 
     double* state_at(int position) {
@@ -92,6 +96,7 @@ private:
     const std::unique_ptr<Stepper> stepper_;
     int stored_ = 0;              ///< N, nodes that were found
     std::vector<double> states_;  ///< [(N + 1) * (F + 1)] each followed by a reward
+    std::vector<double> ways_;    ///< [(periods + 3) * (F + 1)] scratch: states along a way
     std::vector<Edge> edges_;     ///< [N * A]
     std::vector<Path> paths_;     ///< of the expanded nodes
     HashTable table_;             ///< of the next layer

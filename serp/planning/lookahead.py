@@ -84,6 +84,20 @@ class Lookahead:
         self._prefetched: dict[bytes, tuple[_core.CellValues | None, Forecast, int]] = {}
         """State → the leaves that were used, the forecast, and edges followed for it."""
 
+    @property
+    def farther(self) -> bool:
+        """Whether a first action is safe only if it leaves enough ways on beyond the lookahead.
+
+        Two are enough, each of which holds an action and then another one, without risk up to four
+        times the depth; where no action leaves two, those that leave the most are safe. An action
+        that leaves fewer has the safe steps of the depth that was expanded, and risk 1.
+        """
+        return self._core.farther
+
+    @farther.setter
+    def farther(self, farther: bool) -> None:
+        self._core.farther = farther
+
     def paths(self) -> Iterator[BestPath]:
         """Yield the best path from each state that the newest forecast expanded.
 

@@ -5,9 +5,9 @@ does not flag, then one that it flags. Among equals the path with the least risk
 the one that is free of risk for longest, then the one with the largest value.
 
 A risk that is accepted does not count: neither that of a step, nor what a path risks by chance
-beyond the least. The latter is the slack of lexicographic value iteration (Wray, Zilberstein &
-Mouaddib, AAAI 2015): with discount γ a policy that spends it in every decision risks at most
-`accepted / (1 - γ)` more than the least. A path that is certain to do damage is never accepted.
+beyond the least (the slack of lexicographic value iteration: Wray, Zilberstein & Mouaddib, AAAI
+2015). A path that is certain to do damage is never accepted. Where a graph shows the end of the
+task, risks are those until then, see value_iteration.hpp.
 
 Compiled code has the same in preference.hpp.
 """

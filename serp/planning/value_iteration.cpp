@@ -15,6 +15,8 @@ constexpr double EXACT = 1e-9;
 constexpr int SWEEPS = 3'000;
 /// Most sweeps over the best edges after a sweep over all edges.
 constexpr int EVALUATIONS = 10;
+/// Most policies whose risks are bounded node by node; then none may risk more than the least.
+constexpr int BOUNDED = 8;
 /// In place of the node of an edge that is taken once: no outcome leads there.
 constexpr int ONCE = -2;
 
@@ -37,12 +39,15 @@ inline Following following(const Graph& graph, const std::vector<double>& column
     return of;
 }
 
-/// Returns the discounted risk of an edge that is taken again while it leads back to its node. The
-/// least risk is a fixed point of it, whether or not the edge is taken again (ONCE).
-double lasting_risk(const Graph& graph, int edge, int node, double discount) {
+/// Returns the risk of an edge that is taken again while it leads back to its node. The least risk is
+/// a fixed point of it, whether or not the edge is taken again (ONCE).
+double lasting_risk(const Graph& graph, const std::vector<double>& risk, int edge, int node,
+                    double discount) {
+    const bool until_end = graph.risk_kind[0] == UNTIL_END;
     const double danger = graph.step_risk[edge];
-    const Following after = following(graph, graph.risk, edge, node);
-    const double rest = (1.0 - danger) * discount;
+    const Following after = following(graph, risk, edge, node);
+    const double rest = (1.0 - danger) * (until_end ? 1.0 : discount);
+    if (until_end && 1.0 - rest * after.own < TINY) return 1.0;  // it never ends
     return (danger + rest * after.expected) / std::max(1.0 - rest * after.own, TINY);
 }
 
@@ -78,9 +83,18 @@ bool is_certain(const Graph& graph, int edge) {
 
 /// Returns whether the risk of an edge of the best rank counts as the least.
 bool is_accepted(const Graph& graph, int edge, int node, Preferences preferences) {
-    const double risk = lasting_risk(graph, edge, node, preferences.discount);
-    return within_slack(risk, graph.risk[node] + ALIKE, preferences.accepted) &&
+    const double risk = lasting_risk(graph, graph.risk, edge, node, preferences.discount);
+    return graph.slack[node] &&
+           within_slack(risk, graph.risk[node] + ALIKE, preferences.accepted) &&
            !graph.dead_end[node] && !is_certain(graph, edge);
+}
+
+/// Returns whether an edge that is taken once, with the safest policy from then on, risks more than is
+/// accepted beyond the least; whether it is certain damage where all leads to that.
+bool is_too_risky(const Graph& graph, int edge, int node, Preferences preferences) {
+    if (graph.risk[node] >= 1.0 - ALIKE) return graph.step_risk[edge] >= 1.0;
+    return lasting_risk(graph, graph.risk, edge, ONCE, preferences.discount) >
+           graph.risk[node] + preferences.accepted + 2.0 * ALIKE;
 }
 
 /// Calls a function with all expanded nodes, in one of two orders.
@@ -98,14 +112,19 @@ public:
 
     void find() {
         begin();
-        const bool risky = is_risky();
-        if (risky) find_risks();
-        std::fill(graph_.dead_end.begin(), graph_.dead_end.end(), 0);
-        if (risky && preferences_.accepted > 0.0) {
-            mark_dead_ends(graph_);
-            allow_accepted();
+        const bool by_chance = is_by_chance();
+        if (by_chance) {
+            find_values();
+            graph_.risk_kind[0] = ends(graph_, 0) ? UNTIL_END : DISCOUNTED;
         }
-        find_values();
+        if (is_risky()) find_risks();
+        std::fill(graph_.dead_end.begin(), graph_.dead_end.end(), 0);
+        if (by_chance && preferences_.accepted > 0.0) {
+            mark_dead_ends(graph_);
+            find_accepted_values();
+        } else {
+            find_values();
+        }
         mark_inside();
     }
 
@@ -120,6 +139,8 @@ private:
         graph_.inside.assign(nodes, 0);
         std::fill_n(graph_.inside.begin(), expanded, 1);
         graph_.dead_end.resize(nodes);
+        graph_.slack.assign(nodes, 1);
+        graph_.risk_kind.assign(1, CERTAIN);
         for_each_node(graph_, false, [this](int node) {
             const int lowest = graph_.best_rank(node);
             for (int edge = graph_.first_edge[node]; edge < graph_.first_edge[node + 1]; ++edge)
@@ -139,6 +160,12 @@ private:
                std::any_of(graph_.risk.begin(), graph_.risk.end(), positive);
     }
 
+    bool is_by_chance() const {
+        for (int edge = 0; edge < graph_.edges(); ++edge)
+            if (graph_.step_risk[edge] > 0.0 && !(graph_.flags[edge] & UNSAFE)) return true;
+        return false;
+    }
+
     template <class Function>
     void for_each_allowed(int node, Function function) const {
         for (int edge = graph_.first_edge[node]; edge < graph_.first_edge[node + 1]; ++edge)
@@ -148,22 +175,20 @@ private:
     /// Finds the least risks, and leaves only the edges that have them.
     void find_risks() {
         const double discount = preferences_.discount;
-        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
-            double change = 0.0;
-            for_each_node(graph_, sweep % 2 == 0, [&](int node) {
-                if (is_leaf(node)) return;
-                double least = 2.0;
-                for_each_allowed(node, [&](int edge) {
-                    least = std::min(least, lasting_risk(graph_, edge, node, discount));
-                });
-                change = std::max(change, std::abs(least - graph_.risk[node]));
-                graph_.risk[node] = least;
+        // Until the end, the risk that is the fixed point from above: what never ends has failed.
+        if (graph_.risk_kind[0] == UNTIL_END)
+            std::fill_n(graph_.risk.begin(), graph_.expanded(), 1.0);
+        iterate(graph_.risk, [&](int node) {
+            double least = 2.0;
+            for_each_allowed(node, [&](int edge) {
+                const double risk = lasting_risk(graph_, graph_.risk, edge, node, discount);
+                least = std::min(least, risk);
             });
-            if (change <= EXACT) break;
-        }
+            return least;
+        });
         for_each_node(graph_, false, [&](int node) {
             for_each_allowed(node, [&](int edge) {
-                const double risk = lasting_risk(graph_, edge, node, discount);
+                const double risk = lasting_risk(graph_, graph_.risk, edge, node, discount);
                 allowed_[edge] = risk <= graph_.risk[node] + ALIKE;
             });
             if (graph_.risk[node] <= ALIKE) graph_.risk[node] = 0.0;
@@ -181,16 +206,55 @@ private:
             });
             if (!changed) break;
         }
+        for_each_node(graph_, false, [&](int node) {  // all is lost there, but it may be put off
+            if (graph_.risk[node] < 1.0 - ALIKE) return;
+            for_each_allowed(node, [&](int edge) {
+                allowed_[edge] = steps_through(graph_, edge) == graph_.steps[node];
+            });
+        });
     }
 
-    /// Allows the edges whose risk counts as the least.
-    void allow_accepted() {
-        for_each_node(graph_, false, [&](int node) {
-            const int lowest = graph_.best_rank(node);
-            for (int edge = graph_.first_edge[node]; edge < graph_.first_edge[node + 1]; ++edge)
-                if (rank_of(graph_.flags[edge]) == lowest && !allowed_[edge])
-                    allowed_[edge] = is_accepted(graph_, edge, node, preferences_);
-        });
+    /// Sweeps over a column until no entry of an expanded node with edges changes.
+    template <class Function>
+    void iterate(std::vector<double>& column, Function entry) {
+        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+            double change = 0.0;
+            for_each_node(graph_, sweep % 2 == 0, [&](int node) {
+                if (is_leaf(node)) return;
+                const double now = entry(node);
+                change = std::max(change, std::abs(now - column[node]));
+                column[node] = now;
+            });
+            if (change <= EXACT) break;
+        }
+    }
+
+    /// Finds the values of a policy that risks, from every node on, at most what is accepted more than
+    /// the least. Nodes from which on it would risk more lose their slack, until there are none.
+    void find_accepted_values() {
+        const double discount = preferences_.discount;
+        const std::vector<std::uint8_t> least = allowed_;
+        std::vector<double> risk = graph_.risk;
+        for (int round = 0; round <= BOUNDED; ++round) {
+            for_each_node(graph_, false, [&](int node) {
+                const int lowest = graph_.best_rank(node);
+                for (int edge = graph_.first_edge[node]; edge < graph_.first_edge[node + 1]; ++edge)
+                    allowed_[edge] = least[edge] || (rank_of(graph_.flags[edge]) == lowest &&
+                                                     is_accepted(graph_, edge, node, preferences_));
+            });
+            find_values();
+            iterate(risk, [&](int node) {
+                return lasting_risk(graph_, risk, graph_.best[node], node, discount);
+            });
+            bool bounded = true;
+            for_each_node(graph_, false, [&](int node) {
+                const bool exceeds = risk[node] > graph_.risk[node] + preferences_.accepted + ALIKE;
+                if (!graph_.slack[node] || !(exceeds || round == BOUNDED - 1)) return;
+                graph_.slack[node] = 0;
+                bounded = false;
+            });
+            if (bounded) return;
+        }
     }
 
     /// Finds the values, by modified policy iteration (Puterman & Shin, "Modified policy iteration
@@ -268,7 +332,7 @@ double rounded(double number, double unit) {
 
 /// Returns the score that an edge is chosen by.
 PathScore score_of(const Graph& graph, int edge, int node, double discount, double unit) {
-    double risk = lasting_risk(graph, edge, node, discount);
+    double risk = lasting_risk(graph, graph.risk, edge, node, discount);
     risk = risk <= ALIKE ? 0.0 : rounded(risk, ALIKE);
     const std::int64_t steps = risk > 0.0 ? steps_through(graph, edge) : SAFE;
     const double value = rounded(lasting_value(graph, edge, node, discount), unit);
@@ -278,7 +342,7 @@ PathScore score_of(const Graph& graph, int edge, int node, double discount, doub
 /// Returns the risk of an edge that is taken once; 0 only if it is 0 in the score.
 double shown_risk(const Graph& graph, int edge, double discount, const PathScore& score) {
     if (score.risk == 0.0) return 0.0;
-    return std::max(ALIKE, rounded(lasting_risk(graph, edge, ONCE, discount), ALIKE));
+    return std::max(ALIKE, rounded(lasting_risk(graph, graph.risk, edge, ONCE, discount), ALIKE));
 }
 
 int largest_of(const std::vector<PathScore>& scores) {
@@ -290,7 +354,18 @@ int largest_of(const std::vector<PathScore>& scores) {
 
 }  // namespace
 
-void solve(Graph& graph, Preferences preferences) { Solution(graph, preferences).find(); }
+void solve(Graph& graph, Preferences preferences) {
+    if (graph.nodes()) Solution(graph, preferences).find();
+}
+
+bool ends(const Graph& graph, int node) {
+    for (int steps = 0; steps <= graph.nodes() && node >= 0; ++steps) {
+        if (node >= graph.expanded() || graph.best[node] < 0) return false;
+        node = graph.target[graph.first_outcome[graph.best[node]]];
+        if (node == ENDED) return true;
+    }
+    return false;
+}
 
 void mark_dead_ends(Graph& graph) {
     graph.dead_end.assign(graph.nodes(), 0);
@@ -317,12 +392,16 @@ FirstActions look_up(const Graph& graph, int node, int actions, Preferences pref
     const int start = graph.first_edge[node], end = graph.first_edge[node + 1];
     if (start == end) return first;
     std::vector<PathScore> scores;
-    for (int edge = start; edge < end; ++edge)
+    const bool by_chance = graph.risk_kind[0] != CERTAIN;
+    for (int edge = start; edge < end; ++edge) {
         scores.push_back(score_of(graph, edge, node, discount, unit));
+        if (by_chance && !(graph.flags[edge] & UNSAFE))
+            scores.back().rank = is_too_risky(graph, edge, node, preferences);
+    }
     const int safest = largest_of(scores);
     const PathScore least = scores[safest];
     const double least_risk = shown_risk(graph, start + safest, discount, least);
-    if (accepted > 0.0)  // an accepted risk counts as that of the safest
+    if (by_chance && accepted > 0.0)  // an accepted risk counts as that of the safest
         for (int edge = start; edge < end; ++edge) {
             PathScore& score = scores[edge - start];
             if (score.rank == least.rank && is_accepted(graph, edge, node, preferences))
@@ -347,6 +426,8 @@ FirstActions look_up(const Graph& graph, int node, int actions, Preferences pref
         first.value[action] = value, first.path_risk[action] = risk;
         first.safe_steps[action] = score.steps, first.flags[action] = graph.flags[edge];
         first.reward[action] = graph.reward[edge];
+        if (score.rank == 1) first.flags[action] |= RISKY;
+        if (by_chance && score.rank == 0 && risk <= accepted) first.safe_steps[action] = SAFE;
     }
     first.choice = graph.action[chosen];
     return first;

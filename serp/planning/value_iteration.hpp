@@ -16,11 +16,17 @@ struct Preferences {
 
 /// Finds the best policy of every node.
 ///
-/// The order of preferences is that of preference.hpp; the risks of later steps are discounted, as
-/// rewards are (lexicographic value iteration: Wray, Zilberstein & Mouaddib, AAAI 2015). A risk
-/// within the slack of the least, by what follows at the least risk, counts as the least. Nodes that
-/// are not expanded have value and risk 0. Iteration goes on from the values in the graph.
+/// The order of preferences is that of preference.hpp. Where the rewards alone lead to the end of the
+/// task, the risk of a policy is the probability that it does not reach the end without damage: to
+/// put the end off for ever is no way to avoid a risk (reach-avoid: Summers & Lygeros, Automatica
+/// 2010). Elsewhere it is the probability of damage, discounted as rewards are. A policy that gains by
+/// it may risk more than the least, up to `accepted` from every node on (constrained: Altman 1999).
+/// Nodes that are not expanded have value and risk 0. Iteration goes on from the values in the graph.
 void solve(Graph& graph, Preferences preferences);
+
+/// Returns whether the best policy leads from a node to the end of the task. The first outcome of
+/// every step is followed.
+bool ends(const Graph& graph, int node);
 
 /// Marks the nodes at which every action of the best rank is certain to do damage.
 void mark_dead_ends(Graph& graph);
@@ -30,7 +36,8 @@ void mark_dead_ends(Graph& graph);
 /// The choice is made as in `solve`. The forecast is of an action that is taken once, with the best
 /// policy from then on. Values are rounded to multiples of `unit`. Where rounding hides that another
 /// action is worse than the choice, it differs by the least number that there is, so that the
-/// forecast never contradicts the choice.
+/// forecast never contradicts the choice. Where damage is a matter of chance, RISKY marks an action
+/// that risks more than is accepted beyond the least.
 FirstActions look_up(const Graph& graph, int node, int actions, Preferences preferences,
                      double unit);
 

@@ -178,7 +178,7 @@ class Trainer(Bookkeeping, Closing):
         for number, (env, step) in enumerate(made, self.env_steps - len(made) + 1):
             self.under_way = number
             agent.turn_to(env.index)
-            agent.remember(step)
+            agent.remember(step, None if step.last else env.decision)
             if self._pretrained:
                 loss = agent.learn()
                 if loss is not None:

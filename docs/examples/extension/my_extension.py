@@ -96,12 +96,14 @@ class Table:
 
     def remember(
         self, x: Any, action: int, reward: float, next_x: Any, terminated: bool, truncated: bool,
-        imitated: int = -1,
+        imitated: int = -1, allowed: Any = None,
     ) -> None:  # fmt: skip
         """Learn from a step at once; a state that ended the episode is worth 0."""
         target = reward
         if not terminated:
-            target += self._discount * self._values(next_x).max()
+            values = self._values(next_x)
+            possible = values if allowed is None or not allowed.any() else values[allowed]
+            target += self._discount * possible.max()
         self._error = float(target - self._values(x)[action])
         self._values(x)[action] += 0.2 * self._error
         self.updates += 1

@@ -16,6 +16,7 @@ SUFFIX: Final = ".scenarios"
 REASONS: Final = {
     "unsafe": Reason.UNSAFE,
     "unsafe ahead": Reason.UNSAFE_AHEAD,
+    "few ways on": Reason.FEW_WAYS_ON,
     "too risky": Reason.TOO_RISKY,
     "not applicable": Reason.NOT_APPLICABLE,
     "undefined": Reason.UNDEFINED,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from serp._util.text import percent, plural, readable
-from serp.errors import SerpError, needs_extra
+from serp.errors import RunError, SerpError, needs_extra
 from serp.ui.options import OutputFile, again, command, json_option, run_argument
 from serp.ui.output import print_difference, print_json, print_next, print_table, show
 from serp.ui.root import say
@@ -127,6 +128,9 @@ def _print_errors(diagnosis: Diagnosis) -> None:
         print_table(head, table, right=range(1, 4))
     adoption = diagnosis.recorded.adaptation.adoption
     show(f"\nThe run planned with this model: {adoption}")
+    with contextlib.suppress(RunError):  # a run that has not ended has no summary
+        if safety := diagnosis.recorded.summary.get("safety"):
+            show(f"\n{safety}.")
     _print_worth(adoption.worth)
 
 

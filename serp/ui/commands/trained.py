@@ -199,6 +199,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
         if sight["safety_alone"]:
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
         rows.append(("planner saw", ". ".join(parts)))
+    rows.append(("safety", account["safety"]))
     rows.append(("model", account["model"]["sentence"]))
     rows += [
         ("", f"{fluent['fluent']} as written: {fluent['why']}")

@@ -2,17 +2,21 @@
 
 from itertools import zip_longest
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.agent.arbiter import Arbiter
+from serp.agent.decision import Reason
 from serp.agent.veto import LookaheadReliability
+from serp.learning.dqn import Proposal
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from serp.tasks.action_map import ActionMap
 from tests.generated import Texts, load_texts
 from tests.worlds import text
+from tests.worlds.merging import merging_task
 
 TEXT = text("lab")
 
@@ -88,3 +92,20 @@ def test_it_is_relied_on_up_to_three_failures_and_one_in_a_thousand_steps():
     for step in range(5_000):
         rare.observe(predicted_safe=True, unsafe=step % 1_000 == 999, last=False)
         assert rare.reliable
+
+
+def test_after_a_failure_actions_have_to_leave_safe_ways_on_beyond_the_lookahead():
+    """A car that cannot stop before its ramp ends, and has to merge between two others."""
+    task = merging_task().bind()
+    actions = ActionMap(task.model, 4)
+    arbiter = Arbiter(Lookahead(task.model, PlannerSettings()), actions)
+    state, faster = np.array([0.0, 60.0, 20.0, 30.0, 14.0, 5.0, 20.0]), Proposal(2, False)
+    assert arbiter.judge_proposal(state, faster).reason is Reason.ACCEPTED
+    arbiter.vetoes.reliability.observe(True, unsafe=True, last=True)
+    decision = arbiter.judge_proposal(state, faster)
+    assert decision.reason is Reason.FEW_WAYS_ON and decision.action == 0
+    assert "beyond the lookahead" in arbiter.explain(decision, state)
+    saved = arbiter.state_dict()
+    other = Arbiter(Lookahead(task.model, PlannerSettings()), actions)
+    other.load_state_dict(saved)
+    assert other.judge_proposal(state, faster).reason is Reason.FEW_WAYS_ON

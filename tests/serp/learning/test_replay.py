@@ -30,6 +30,10 @@ class Step:
     def imitated(self):
         return self.number % 4 - 1
 
+    @property
+    def allowed(self):
+        return self.number % 2**A
+
 
 def feed(buffer, steps, env_index=0):
     for step in steps:
@@ -42,6 +46,7 @@ def feed(buffer, steps, env_index=0):
             step.truncated,
             step.imitated,
             env_index,
+            np.array([step.allowed >> k & 1 for k in range(A)], bool),
         )
 
 
@@ -91,6 +96,7 @@ def expected_samples(steps, n):
                     [last.number, 1],
                     pytest.approx(0.0 if last.terminated else DISCOUNT ** len(window), abs=1e-6),
                     step.imitated,
+                    [last.allowed],
                 )
             )
     return samples

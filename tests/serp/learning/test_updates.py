@@ -33,6 +33,7 @@ def samples_of(count, inputs, actions, rng, scale=1.0):
         "next_observation": rng.standard_normal((count, inputs)).astype(np.float32),
         "discount": rng.choice(np.array([0.0, 0.5, 0.9], np.float32), count),
         "imitated": np.where(np.arange(count) % 3, rng.integers(0, actions, count), -1),
+        "allowed": np.packbits(rng.random((count, actions)) < 0.6, 1, bitorder="little"),
     }
 
 
@@ -91,7 +92,11 @@ def losses(online, target, samples, drawn, weight):
     found = []
     for member, (q, own) in enumerate(zip(values, rows, strict=True)):
         with torch.no_grad():
-            best, following = online[member](after).argmax(-1), target[member](after)
+            choice, following = online[member](after), target[member](after)
+            bits = np.unpackbits(samples["allowed"], 1, choice.shape[1], "little")
+            allowed = torch.from_numpy(bits).bool()
+            allowed |= ~allowed.any(1, keepdim=True)  # where all are refused, all count
+            best = choice.masked_fill(~allowed, -torch.inf).argmax(-1)
         total = torch.zeros((), dtype=torch.float64)
         for i, row in enumerate(own):
             value = samples["discount"][row] * following[row, best[row]]

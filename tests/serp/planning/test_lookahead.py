@@ -12,10 +12,10 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from serp import _core
-from serp.model.flags import RISKY, TERMINAL, UNSAFE
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE
 from serp.planning.forecast import SAFE, Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import free_of_risk, rank_of
+from serp.planning.preference import free_of_risk, rank_of, step_risk
 from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
@@ -186,6 +186,62 @@ def test_what_is_checked_to_be_safe_is_what_the_plan_finds_safe(model, settings,
         assert (checked.safe_steps[free] == SAFE).all()
         assert (planned.safe_steps[free] == SAFE).all()
         assert not (checked.safe_steps[~free] == SAFE).any()
+
+
+def ways_on(model, state, horizon, accepted):
+    """How many actions begin a way that holds one, then another, without risk to the horizon."""
+
+    def follow(state, action, periods):
+        states = [state]
+        while len(states) <= periods:
+            (*after, _), flags = model.transition(states[-1], action)
+            if not flags & APPLICABLE or step_risk(flags, accepted) > 0.0:
+                return states, False
+            states.append(after)
+            if flags & TERMINAL:
+                break
+        return states, True
+
+    def goes_on(action):
+        states, safe = follow(state, action, horizon)
+        return safe or any(
+            follow(at, other, horizon - held)[1]
+            for held, at in enumerate(states[1:], 1)
+            for other in set(actions) - {action}
+        )
+
+    actions = range(len(model.actions))
+    return sum(map(goes_on, actions))
+
+
+def test_who_looks_farther_takes_what_leaves_enough_ways_on():
+    met = Counter()
+    for seed in range(150):
+        random = Random(seed)
+        model = random.choice(MODELS)
+        settings = PlannerSettings(depth=random.randint(1, 2), accepted_risk=0.02)
+        near, far = Lookahead(model, settings), Lookahead(model, settings)
+        far.farther = True
+        for state in states_of(model, random, 4):
+            before, after = near.forecast(state), far.forecast(state)
+            ways = {}
+            for action in np.flatnonzero(before.safe_steps == SAFE).tolist():
+                (*reached, _), flags = model.transition(state.tolist(), action)
+                found = ways_on(model, reached, 4 * settings.depth, settings.accepted_risk)
+                ways[action] = 2 if flags & TERMINAL else min(2, found)
+            enough = [k for k, count in ways.items() if count == max(ways.values())]
+            assert np.flatnonzero(after.safe_steps == SAFE).tolist() == enough
+            lost = [k for k in ways if k not in enough]
+            assert (after.safe_steps[lost] == before.depth).all()
+            if before.choice in lost:
+                assert after.choice == max(enough, key=lambda k: (before.value[k], -k))
+            met["lost"] += bool(lost)
+            met["turned"] += before.choice != after.choice
+            checked = far.check_safety(state)
+            if checked is not None and checked.bound is Bound.SAFETY:
+                assert ((checked.safe_steps == SAFE) == (after.safe_steps == SAFE)).all()
+                met["checked"] += 1
+    assert len(met) == 3 and min(met.values()) >= 5, met
 
 
 # Leaves that are worth something -----------------------------------------------------------------

@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from serp import _core
 from serp.agent.registry import far_sight
-from serp.model.flags import APPLICABLE, RISKY, UNSAFE
+from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.forecast import forecast_of, score_of
-from serp.planning.preference import rank_of
+from serp.planning.preference import free_of_risk, rank_of
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.worlds import load
 from tests.worlds import text
 
 ENDED = -1
+UNTIL_END = 2
 ACTIONS = 3
 CLOSE = 1e-6
 ALIKE = 1e-7
@@ -54,7 +55,7 @@ def process(random, *, chance):
         weights = [random.random() + 0.01 for _ in range(count)]
         flags, step_risk = random.choice(((APPLICABLE, 0.0),) * 4 + ((APPLICABLE | UNSAFE, 1.0),))
         if chance and step_risk == 0.0 and random.random() < 0.3:
-            flags, step_risk = APPLICABLE | RISKY, random.choice((random.random(), 1.0))
+            step_risk = random.choice((random.random(), 1.0))
         targets = [(w / sum(weights), random.randint(ENDED, nodes - 1)) for w in weights]
         return Out(flags, step_risk, random.uniform(-1, 1), targets)
 
@@ -86,7 +87,8 @@ def solved(of, discount, accepted):
     graph.restore({
         "states": np.arange(float(nodes)), "layer": np.zeros(nodes, np.int32),
         "undefined": marks, "value": zeros, "risk": zeros, "steps": np.zeros(nodes, np.int64),
-        "inside": marks, "first_edge": np.cumsum([0, *map(len, of)]),
+        "inside": marks, "slack": marks, "risk_kind": np.zeros(1, np.uint8),
+        "first_edge": np.cumsum([0, *map(len, of)]),
         "action": np.array([k for node in of for k in range(len(node))], np.int32),
         "flags": np.array([edge.flags for edge in edges], np.int64),
         "reward": np.array([edge.reward for edge in edges], np.float64),
@@ -109,6 +111,11 @@ def risk_after(edge, risks, discount):
     return edge.step_risk + (1.0 - edge.step_risk) * discount * after(edge, risks)
 
 
+def discount_of_risk(graph, discount):
+    """Risks are not discounted where the rewards lead to the end of the task."""
+    return 1.0 if graph.risk_kind[0] == UNTIL_END else discount
+
+
 def risks_of_policy(of, choice, discount):
     risks = [0.0] * len(of)
     for _ in range(3_000):
@@ -118,7 +125,7 @@ def risks_of_policy(of, choice, discount):
 
 @examples(80)
 @given(seed=st.integers(0, 10**6), accepted=SLACK, discount=DISCOUNT)
-def test_a_policy_risks_no_more_than_the_slack_of_every_decision(seed, accepted, discount):
+def test_a_policy_risks_no_more_than_the_least_and_what_is_accepted(seed, accepted, discount):
     of = process(Random(seed), chance=True)
     strict, graph = solved(of, discount, 0.0), solved(of, discount, accepted)
     assert graph.risk.tolist() == strict.risk.tolist()
@@ -126,8 +133,9 @@ def test_a_policy_risks_no_more_than_the_slack_of_every_decision(seed, accepted,
     choice = [arcs[graph.look_up(node).choice] if arcs else None for node, arcs in enumerate(of)]
     ranks = [min((rank_of(e.flags) for e in node), default=0) for node in of]
     assert all(e is None or rank_of(e.flags) == r for e, r in zip(choice, ranks, strict=True))
+    discount = discount_of_risk(graph, discount)
     met = np.array(risks_of_policy(of, choice, discount))
-    assert (met <= graph.risk + accepted / (1.0 - discount) + CLOSE).all()
+    assert (met <= graph.risk + accepted + CLOSE).all()
     for edge, least in zip(choice, graph.risk.tolist(), strict=True):
         if edge is not None:
             own = risk_after(edge, graph.risk.tolist(), discount)
@@ -161,7 +169,7 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(seed, discount, chan
         for action, edge in enumerate(arcs):
             value = edge.reward + discount * after(edge, graph.value.tolist())
             assert abs(forecast.value[action] - value) <= alike
-            risk = risk_after(edge, graph.risk.tolist(), discount)
+            risk = risk_after(edge, graph.risk.tolist(), discount_of_risk(graph, discount))
             assert abs(forecast.path_risk[action] - risk) <= 10 * ALIKE
         if arcs:
             best = max(range(len(arcs)), key=lambda a: (score_of(forecast, a), -a))
@@ -169,6 +177,20 @@ def test_what_is_shown_is_one_step_and_then_the_best_policy(seed, discount, chan
             assert abs(forecast.path_risk[best] - graph.risk[node]) <= 10 * ALIKE
             if graph.risk[node] == 0.0:
                 assert abs(forecast.value[best] - graph.value[node]) <= alike
+
+
+@pytest.mark.parametrize("accepted", [0.0, 0.02])
+def test_a_task_is_not_put_off_for_ever_for_its_risk(accepted):
+    """Where the rewards want its end, what is risked until then counts."""
+    wait, cross = (
+        Out(APPLICABLE, risk, reward, [(1.0, target)])
+        for risk, reward, target in ((0.0, -0.1, 0), (0.1, 10.0, ENDED))
+    )
+    forecast = solved([[wait, cross]], 0.99, accepted).look_up(0)
+    assert forecast.choice == 1 and forecast.path_risk[1] == pytest.approx(0.1)
+    assert free_of_risk(forecast.flags)[:2].all()  # to wait once is no damage, either
+    forecast = solved([[wait._replace(reward=1.0), cross]], 0.99, accepted).look_up(0)
+    assert forecast.choice == 0 and free_of_risk(forecast.flags).tolist()[:2] == [True, False]
 
 
 WAITING = text("waiting")

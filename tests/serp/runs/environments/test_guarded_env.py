@@ -47,7 +47,8 @@ def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path):
             if not over:
                 action = learner.propose(following, None).action
             executed = info["executed_action"]
-            learner.remember(x, executed, reward, following, terminated, truncated)
+            allowed = None if over else env.action_masks()
+            learner.remember(x, executed, reward, following, terminated, truncated, -1, allowed)
             learner.learn()
             x = following
     env.close()
