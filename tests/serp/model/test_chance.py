@@ -16,7 +16,7 @@ HEAD = """(define (domain chance) (:requirements :typing :probabilistic-effects 
   (:types cell) (:constants a b - cell) (:predicates (wet ?c - cell) (unsafe) (terminal))
   (:functions (x))
   (:action go :parameters () :precondition (and (< (x) 9)) :effect {})
-  (:action stay :parameters () :precondition (and) :effect (and))
+  (:action crawl :parameters () :precondition (and) :effect (increase (x) 0.5))
   (:action rain :parameters () :precondition (and) :effect (and (wet a) (wet b)))
   (:action dry :parameters () :precondition (and) :effect (and (not (wet a)) (not (wet b))
     (assign (x) 0))))"""

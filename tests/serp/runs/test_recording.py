@@ -171,7 +171,7 @@ def header(**values):
     [
         (changed("action", put(4)), "action holds 4"),
         (changed("ground", put(3)), "ground holds 3"),
-        (changed("reason", put(13)), "reason holds 13"),
+        (changed("reason", put(14)), "reason holds 14"),
         (changed("state", put(np.nan)), "state holds nan"),
         (changed("terminated", lambda v: (v + 2).view(bool)), "terminated"),
         (changed("value", lambda v: v.astype(np.float32)), "value has shape"),
