@@ -106,7 +106,7 @@ class Domain:
         """
         symbol, *arguments = name.split() or [""]
         declaration = self.syntax.declarations.get(symbol)
-        reserved = symbol in (x.REWARD, x.UNSAFE, x.TERMINAL)
+        reserved = symbol in {x.REWARD, x.UNSAFE, x.TERMINAL, *self.syntax.derived}
         if declaration is None or reserved or len(arguments) != len(declaration.parameters):
             return None
         problem = self.problem_syntax

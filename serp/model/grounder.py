@@ -36,6 +36,8 @@ UNBOUNDED = 1_000_000.0
 _SIGNS = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}
 _Changes = tuple[g.SetNumber, ...]
 _Effects = tuple[g.GroundEffect, ...]
+MOST_EXPANSIONS = 20_000
+"""Most derived atoms that are written out; recursive ones may be written out several times."""
 MOST_OUTCOMES = 16
 """Most outcomes of a ground action, as in `model.hpp`."""
 
@@ -159,6 +161,14 @@ class _Instantiation:
         self.facts = facts
         self.parameters: list[g.Parameter] = []
         self.parameter_at: dict[tuple[int, int], int] = {}
+        self.axioms: dict[str, list[x.Axiom]] = {}
+        for axiom in facts.domain.axioms:
+            self.axioms.setdefault(axiom.name, []).append(axiom)
+        self.derived: dict[Key, g.Test] = {}
+        self.deriving: dict[Key, set[Key]] = {}
+        """Derived atoms that are being expanded → atoms that were cut off within."""
+        self.expansions = 0
+        self.sizes: dict[int, tuple[g.Test, int]] = {}
         self.left_out: dict[Key, list[str]] = {}
         """Static number without a value → names of the instances that read it."""
 
@@ -202,7 +212,7 @@ class _Instantiation:
             free.setdefault(key[0], []).append(key)
         for declaration in self.domain.declarations.values():
             name = declaration.name
-            if name in (x.REWARD, x.UNSAFE, x.TERMINAL):
+            if name in (x.REWARD, x.UNSAFE, x.TERMINAL) or name in self.axioms:
                 continue
             keys: Iterable[Key] = self.facts.in_order(free.get(name, ()))
             if name in self.facts.varying:
@@ -336,6 +346,8 @@ class _Instantiation:
                 if name in _FLAGS:
                     return g.Holds(_FLAGS[name], place)
                 key = key_of(name, arguments, binding)
+                if name in self.axioms:
+                    return self._derive(key, place)
                 if key in self.index:
                     return g.Holds(self.index[key], place)
                 return g.Constant(key in self.facts.true)
@@ -354,6 +366,48 @@ class _Instantiation:
                 bindings = self.facts.quantify(parameters, binding, place)
                 tests = (self._test(body, inner) for inner in bindings)
                 return _join(tests, place, conjunction=operator == "forall")
+
+    def _derive(self, key: Key, place: Place) -> g.Test:
+        """Return the condition that a derived atom stands for.
+
+        An atom within its own derivation is false: the shortest derivation does without it, so this
+        is the least fixed point of recursive axioms (van Emden & Kowalski, JACM 23, 1976).
+        """
+        if key in self.deriving:
+            within = list(self.deriving)
+            for inner in within[within.index(key) :]:
+                self.deriving[inner].add(key)
+            return g.Constant(False)
+        if key in self.derived:
+            return self.derived[key]
+        cut = self.deriving[key] = set()
+        tests = []
+        for axiom in self.axioms[key[0]]:
+            typed = zip(axiom.parameters, key[1:], strict=True)
+            if all(name in self.facts.objects_of(p.types) for p, name in typed):
+                names = (parameter.name for parameter in axiom.parameters)
+                tests.append(self._test(axiom.condition, dict(zip(names, key[1:], strict=True))))
+        test = _join(tests, place, conjunction=False)
+        del self.deriving[key]
+        self.expansions += 1
+        if self.expansions > MOST_EXPANSIONS or self._size(test) > MOST_EXPANSIONS:
+            raise DomainError(
+                f"`{key[0]}` is derived in too many ways over these objects",
+                place,
+                "use fewer objects, or events that set a predicate",
+                code="too-large",
+            )
+        if cut <= {key}:  # else it depends on what it was derived for
+            self.derived[key] = test
+        return test
+
+    def _size(self, test: g.Test) -> int:
+        """Return how many parts a condition has when it is written out."""
+        if id(test) not in self.sizes:
+            parts = getattr(test, "operands", ()) or (getattr(test, "operand", None),)
+            size = 1 + sum(self._size(part) for part in parts if part is not None)
+            self.sizes[id(test)] = test, size
+        return self.sizes[id(test)][1]
 
     def _connective(
         self, operator: str, operands: tuple[x.Condition, ...], place: Place, binding: Binding

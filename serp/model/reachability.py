@@ -261,7 +261,7 @@ class _Reachability:
         rest: list[x.Condition] = []
         for part in conjuncts(schema.precondition):
             if isinstance(part, x.Atom):
-                if part.name not in self.facts.varying:
+                if part.name not in self.facts.varying | self.facts.domain.derived:
                     atoms.append(part)
             elif not isinstance(part, x.NumericComparison):
                 rest.append(part)
@@ -396,6 +396,8 @@ class _Reachability:
     def _possible(self, condition: x.Condition, binding: Binding, wanted: bool) -> bool:
         """Whether a condition can have the wanted truth value, as far as constants decide it."""
         match condition:
+            case x.Atom(name) if name in self.facts.domain.derived:
+                return True
             case x.Atom(name, arguments):
                 key = key_of(name, arguments, binding)
                 return self.facts.varies(key) or (key in self.facts.true) == wanted

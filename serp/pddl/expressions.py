@@ -362,6 +362,13 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "set predicates in an action or in an `(:event ...)`",
         )
     declaration = declared_as(group, scope, numeric=False)
+    if declaration.name in scope.derived:
+        raise DomainError(
+            f"`{declaration.name}` is derived, so no effect can set it",
+            place,
+            "change what its `:derived` conditions read",
+            code="wrong-kind",
+        )
     if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
         raise DomainError(
             f"`({declaration.name})` can only be made true",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -24,6 +24,7 @@ from serp.pddl.scope import (
     RESERVED_WORDS,
     TOTAL_TIME,
     Scope,
+    declared_as,
     expect_group,
     expect_name,
     is_name,
@@ -44,6 +45,7 @@ SUPPORTED_REQUIREMENTS = frozenset(
         *(":existential-preconditions", ":universal-preconditions"),
         *(":fluents", ":numeric-fluents", ":action-costs"),
         *(":probabilistic-effects", ":non-deterministic", ":rewards", ":mdp"),
+        *(":derived-predicates", ":domain-axioms", ":subgoal-through-axioms"),
         *(":time", ":processes", ":events", ":continuous-effects", ":hybrid", MATH_REQUIREMENT),
     )
 )
@@ -59,6 +61,7 @@ class _Definition(NamedTuple):
     place: Place
     sections: dict[str, Group]
     schemas: list[Group]
+    axioms: list[Group]
 
 
 def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
@@ -71,7 +74,7 @@ def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if title.head != what:
         raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
-    definition = _Definition(_name(title, what), top.place, {}, [])
+    definition = _Definition(_name(title, what), top.place, {}, [], [])
     for item in top.items[2:]:
         with item.place.recovering():
             section = expect_group(item, "a section")
@@ -80,6 +83,8 @@ def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
                 raise _unknown_section(section, known, what)
             if head in SCHEMA_SECTIONS:
                 definition.schemas.append(section)
+            elif head == DERIVED:
+                definition.axioms.append(section)
             elif head in definition.sections:
                 raise DomainError(
                     f"a second `{head}`", section.place, "merge the two", code="declared-twice"
@@ -154,6 +159,8 @@ def _unknown_section(section: Group, known: Sequence[str], what: str) -> DomainE
     )
 
 
+DERIVED = ":derived"
+_RESERVED = (x.UNSAFE, x.TERMINAL)
 DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
 SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
 SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
@@ -161,7 +168,7 @@ SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event
 
 def parse_domain(source: Source) -> x.DomainSyntax:
     """Parse a domain file; where the source has a `recovery`, all of it that can be understood."""
-    definition = _definition(source, "domain", (*DOMAIN_SECTIONS, *SCHEMA_SECTIONS))
+    definition = _definition(source, "domain", (*DOMAIN_SECTIONS, DERIVED, *SCHEMA_SECTIONS))
     sections = definition.sections
     requirements = _requirements(sections.get(":requirements"))
     parents: dict[str, str] = _said(sections.get(":types"), parse_types, {}, declares=True)
@@ -176,6 +183,8 @@ def parse_domain(source: Source) -> x.DomainSyntax:
         reward = x.Declaration(x.REWARD, (), True, sections[":requirements"].place)
         declarations.setdefault(x.REWARD, reward)
     scope = Scope(parents, constants, declarations, {}, math=MATH_REQUIREMENT in requirements)
+    axioms = _axioms(definition.axioms, scope)
+    scope = replace(scope, derived=frozenset(axiom.name for axiom in axioms))
     names: set[str] = set()
     schemas: list[x.Schema] = []
     for group in definition.schemas:
@@ -189,9 +198,77 @@ def parse_domain(source: Source) -> x.DomainSyntax:
         constants,
         declarations,
         tuple(schemas),
+        axioms,
         requirements,
         definition.place,
     )
+
+
+def _axioms(groups: Sequence[Group], scope: Scope) -> tuple[x.Axiom, ...]:
+    """Parse axioms, which must be stratified: none depends on its own negation."""
+    axioms: list[x.Axiom] = []
+    for group in groups:
+        with group.place.source.recovering():
+            if len(group.items) != 3:
+                raise DomainError(
+                    "`:derived` takes a predicate with its parameters, and a condition",
+                    group.place,
+                    "write `(:derived (above ?x ?y - block) (or ...))`",
+                )
+            head = expect_group(group.items[1], "a predicate with its parameters")
+            declaration = declared_as(head, scope, numeric=False)
+            parameters = parse_parameters(head.items[1:], dict(scope.parents))
+            if len(parameters) != len(declaration.parameters) or declaration.name in _RESERVED:
+                problem = f"`{head.place.text}` is no predicate that can be derived"
+                advice = f"it is declared as {declaration.place.text}"
+                raise DomainError(problem, head.place, advice, code="wrong-arguments")
+            parameters = tuple(
+                own if own.types != (x.OBJECT,) else replace(own, types=declared.types)
+                for own, declared in zip(parameters, declaration.parameters, strict=True)
+            )
+            condition = parse_condition(group.items[2], scope.bind(parameters))
+            axioms.append(x.Axiom(declaration.name, parameters, condition, group.place))
+    refuse_unstratified(axioms)
+    return tuple(axioms)
+
+
+def refuse_unstratified(axioms: Sequence[x.Axiom]) -> None:
+    """Refuse a derived predicate that depends on its own negation: it has no single meaning."""
+    reads: dict[str, set[tuple[str, bool]]] = {}
+    for axiom in axioms:
+        reads.setdefault(axiom.name, set()).update(_polarities(axiom.condition, True))
+    for axiom in axioms:
+        reached = {(name, not positive) for name, positive in reads[axiom.name]}
+        todo = list(reached)
+        while todo:
+            name, negated = todo.pop()
+            further = {(n, negated or not positive) for n, positive in reads.get(name, ())}
+            todo += further - reached
+            reached |= further
+        if (axiom.name, True) in reached:
+            raise DomainError(
+                f"`{axiom.name}` depends on its own negation",
+                axiom.place,
+                "derive it from other predicates",
+                code="type-conflict",
+            )
+
+
+def _polarities(condition: x.Condition, positive: bool) -> Iterator[tuple[str, bool]]:
+    """Yield the predicates that a condition reads, and whether it wants them to be true."""
+    match condition:
+        case x.Atom(name):
+            yield name, positive
+        case x.Connective("not", (operand,)):
+            yield from _polarities(operand, not positive)
+        case x.Connective("imply", (premise, conclusion)):
+            yield from _polarities(premise, not positive)
+            yield from _polarities(conclusion, positive)
+        case x.Connective(_, operands):
+            for operand in operands:
+                yield from _polarities(operand, positive)
+        case x.Quantified(_, _, body):
+            yield from _polarities(body, positive)
 
 
 def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
@@ -298,7 +375,10 @@ def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     )
     objects = {**domain.constants, **own}
     math = MATH_REQUIREMENT in requirements
-    scope = Scope(domain.parents, objects, domain.declarations, {}, math=math, declares=":objects")
+    scope = Scope(
+        domain.parents, objects, domain.declarations, {}, domain.derived, math=math,
+        declares=":objects",
+    )  # fmt: skip
     init = sections.get(":init")
     atoms, values = _initial(init, scope) if init is not None else ((), ())
     goal = _said(sections.get(":goal"), lambda group: _goal(group, scope), None)
@@ -404,6 +484,9 @@ def _fact(item: Group, scope: Scope) -> x.Atom:
             item.place,
             "list facts one after the other, without `and`" if item.head == "and" else "",
         )
+    if fact.name in scope.derived:
+        problem = f"`{fact.name}` is derived, so :init cannot state it"
+        raise DomainError(problem, item.place, code="wrong-kind")
     if fact.name in (x.UNSAFE, x.TERMINAL):
         problem = f"`({fact.name})` starts false in every step"
         raise DomainError(problem, item.place, code="reserved-name")

@@ -19,9 +19,7 @@ INSTEAD = {
         "write an action, and a process for what goes on meanwhile": (
             ":durative-action :durative-actions :duration-inequalities"
         ),
-        "write the condition itself where it is used, or an event that sets the predicate": (
-            ":derived :axiom :derived-predicates :domain-axioms :subgoal-through-axioms"
-        ),
+        "write `(:derived (predicate ...) condition)`": ":axiom",
         "write an event that sets `(unsafe)` where a constraint is broken": (
             ":constraint :constraints :safety-constraints"
         ),
@@ -63,6 +61,7 @@ class Scope:
         objects: Objects and constants by name.
         declarations: Predicates and functions by name.
         parameters: Variables bound here.
+        derived: Predicates that axioms define; no effect sets them.
         in_process: Whether effects are rates (`(* #t rate)`).
         in_action: Whether effects may happen by chance.
         in_metric: Whether `(total-time)` and `(reward)` may be read.
@@ -74,6 +73,7 @@ class Scope:
     objects: Mapping[str, x.ObjectDeclaration]
     declarations: Mapping[str, x.Declaration]
     parameters: Mapping[str, x.SchemaParameter]
+    derived: frozenset[str] = frozenset()
     in_process: bool = False
     in_action: bool = False
     in_metric: bool = False

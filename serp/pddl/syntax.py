@@ -247,6 +247,19 @@ class Schema:
 
 
 @dataclass(frozen=True, slots=True)
+class Axiom:
+    """`(:derived (name parameters) condition)`: the predicate holds where a condition does.
+
+    A derived predicate holds where the condition of one of its axioms does, and nowhere else.
+    """
+
+    name: str
+    parameters: tuple[SchemaParameter, ...]
+    condition: Condition
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
 class Declaration:
     """A declared predicate (`numeric` False) or function (`numeric` True)."""
 
@@ -283,8 +296,14 @@ class DomainSyntax:
     declarations: dict[str, Declaration]
     """Predicates and functions by name, in file order."""
     schemas: tuple[Schema, ...]
+    axioms: tuple[Axiom, ...]
     requirements: frozenset[str]
     place: Place
+
+    @property
+    def derived(self) -> frozenset[str]:
+        """The predicates that axioms define."""
+        return frozenset(axiom.name for axiom in self.axioms)
 
     def admits(self, parameter: SchemaParameter, type_name: str) -> bool:
         """Whether a parameter may be an object of a type."""

@@ -53,11 +53,11 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
     A domain without `(reward)` is for problems with a goal, which may read what is changed.
     """
     syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
-    read = x.names_in(*map(x.conditions_of, syntax.schemas))
+    read = x.names_in(*map(x.conditions_of, syntax.schemas), *(a.condition for a in syntax.axioms))
     read |= x.names_in(problem.goal, problem.metric) if problem else set()
     for _, effect in _changes(subject):
         read |= x.names_in(effect.value) - {effect.function.name}
-    changed = x.changed_names(syntax.schemas)
+    changed = x.changed_names(syntax.schemas) | syntax.derived
     if problem is None and x.REWARD not in syntax.declarations:
         read |= changed
     for name, declaration in syntax.declarations.items():
