@@ -332,18 +332,18 @@ def nodes_in(*parts: object) -> Iterator[object]:
     waiting: list[Any] = [*reversed(parts)]
     while waiting:
         part = waiting.pop()
-        if type(part) is tuple:
+        if part.__class__ is tuple:
             waiting += reversed(part)
-        elif (names := _fields_of(type(part))) is not None:
+        elif (names := _fields_of(part.__class__)) is not None:
             yield part
             waiting += [getattr(part, name) for name in reversed(names)]
 
 
 def meaning(part: Any) -> Hashable:
     """Return what a part of a file says, without its places; equal for what says the same."""
-    if type(part) is tuple:
+    if part.__class__ is tuple:
         return tuple(map(meaning, part))
-    if (names := _fields_of(type(part))) is not None:
+    if (names := _fields_of(part.__class__)) is not None:
         return type(part), *(meaning(getattr(part, name)) for name in names)
     return None if isinstance(part, Place) else part
 
