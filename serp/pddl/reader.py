@@ -21,11 +21,11 @@ _FIELDS = frozenset((":parameters", ":precondition", ":effect"))
 _HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
 _OPENING = re.compile(r"[({[][ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 _TOKEN = re.compile(
-    r"([()])|;[^\r\n]*|(?!//)(?!#(?!t(?![a-z])))([^](){}\s;[]+)|(//|#)[^\r\n]*"
-    r"|([^ \t\r\n\f\v])",
+    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[]*"
+    r"|(;)[^\r\n]*|(//|#)[^\r\n]*|([^ \t\r\n\f\v])",
     re.IGNORECASE,
 )
-"""A parenthesis, a comment, a word, a comment of another language, or anything else."""
+"""A parenthesis or a word; or a comment, one of another language, or anything else."""
 _BRACKETS = {"{": "(", "[": "(", "}": ")", "]": ")"}
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
@@ -52,7 +52,6 @@ class Group(NamedTuple):
 Node = Word | Group
 
 
-@functools.lru_cache(maxsize=4)  # a file is looked at several times: parsed, then checked
 def read_group(source: Source) -> Group:
     """Read the single parenthesised list that a PDDL file consists of.
 
@@ -108,36 +107,30 @@ def _tokens(source: Source) -> Iterator[Word]:
     """Yield parentheses and words."""
     for match in _TOKEN.finditer(source.text):
         kind = match.lastindex
-        if kind is None:  # a comment
-            continue
-        token = match[kind]
-        place = Place(source, *match.span(kind))
-        if kind == 3:
+        if kind is None:
+            yield Word(match[0].lower(), Place(source, *match.span()))
+        elif kind == 2:
             with source.recovering():
                 raise DomainError(
-                    f"`{token}` does not begin a comment in PDDL",
-                    place,
+                    f"`{match[2]}` does not begin a comment in PDDL",
+                    source.place(*match.span(2)),
                     "comments begin with `;`",
                     write=";",
                     code="stray-text",
                 )
-            continue
-        if kind == 4:
-            bracket = _BRACKETS.get(token)
+        elif kind == 3:
+            place, bracket = source.place(*match.span()), _BRACKETS.get(match[3])
+            problem = f"character U+{ord(match[3]):04X} is not an ordinary space"
             with source.recovering():
                 raise DomainError(
-                    "the parentheses of PDDL are round"
-                    if bracket
-                    else f"character U+{ord(token):04X} is not an ordinary space",
+                    "the parentheses of PDDL are round" if bracket else problem,
                     place,
                     "" if bracket else "replace it with a space",
                     write=bracket or " ",
                     code="stray-text",
                 )
-            if bracket is None:
-                continue
-            token = bracket
-        yield Word(token.lower(), place)
+            if bracket:
+                yield Word(bracket, place)
 
 
 class _Traces(NamedTuple):
