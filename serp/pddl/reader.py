@@ -134,31 +134,21 @@ def _tokens(source: Source) -> Iterator[Word]:
 
 
 class _Traces(NamedTuple):
-    """What tells where a slip in the parentheses is.
+    """What tells where a slip in the parentheses is."""
 
-    Attributes:
-        before: The token before the one where the slip shows.
-        suspect: A form that the layout says should have ended, and the token behind which.
-        bare: A word that begins a form, without a `(` before it.
-        closing: The last `)`.
-    """
-
-    before: Place
-    suspect: tuple[Place, Place] | None
-    bare: Place | None
-    closing: Place | None
+    before: Place  # the token before the one where the slip shows
+    suspect: (
+        tuple[Place, Place] | None
+    )  # what should have ended, and behind what
+    bare: Place | None  # a word that begins a form, without a `(` before it
+    closing: Place | None  # the last `)`
 
 
 class _SectionReader:
     """Reads a section, or what stands before the first one, up to the next one.
 
-    Args:
-        define: The parenthesis that begins the file.
-        tokens: Those of the part.
-        ahead: The first two of the next section; none at the end of the file.
-
-    Attributes:
-        items: The forms that are complete.
+    `define` is the parenthesis that begins the file; `ahead` the first two tokens of the next
+    section, none at the end of the file; `items` the forms that are complete.
     """
 
     def __init__(self, define: Place, tokens: Sequence[Word], ahead: Sequence[Word]) -> None:
@@ -202,8 +192,7 @@ class _SectionReader:
         if len(self._open) > 2:
             where = f"`{token.text}` begins in line {token.place.line}"
             raise self._missing(self._open[2:], where, token)
-        if len(self._open) == 1 and any(word.place.end <= token.place.start
-                                        for word in self._tokens if word.text == ")"):  # fmt: skip
+        if len(self._open) == 1 and self._traces(token).closing:
             raise self._too_many(f"`{token.text}` in line {token.place.line} follows", token)
 
     def _traces(self, end: Word | None) -> _Traces:

@@ -41,11 +41,8 @@ class LintSubject:
     @cached_property
     def schemas(self) -> list[WrittenSchema]:
         """The actions, processes and events as written."""
-        return [
-            WrittenSchema(f"{schema.kind.value} `{schema.name}`", schema,
-                          [*x.nodes_in(schema.effects)])
-            for schema in self.domain.syntax.schemas
-        ]  # fmt: skip
+        return [WrittenSchema(f"{of.kind.value} `{of.name}`", of, [*x.nodes_in(of.effects)])
+                for of in self.domain.syntax.schemas]  # fmt: skip
 
     @cached_property
     def anywhere(self) -> GroundModel:
@@ -107,11 +104,8 @@ class LintSubject:
 class Rule(NamedTuple):
     """What yields the warnings of a code.
 
-    Attributes:
-        local: Whether it is about single actions, processes and events, and right though others are
-            unreadable.
-        needs_problem: Whether it says nothing of a domain without the problem that names its
-            objects.
+    A `local` one is about single actions, processes and events, and right though others are
+    unreadable; one that `needs_problem` waits for the problem that names the objects.
     """
 
     code: str
