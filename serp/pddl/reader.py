@@ -137,9 +137,7 @@ class _Traces(NamedTuple):
     """What tells where a slip in the parentheses is."""
 
     before: Place  # the token before the one where the slip shows
-    suspect: (
-        tuple[Place, Place] | None
-    )  # what should have ended, and behind what
+    suspect: tuple[Place, Place] | None  # what should have ended, and behind what
     bare: Place | None  # a word that begins a form, without a `(` before it
     closing: Place | None  # the last `)`
 
