@@ -6,6 +6,7 @@ entry of the parameter vector θ.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -272,6 +273,23 @@ class GroundModel:
     def schemas(self) -> tuple[GroundSchema, ...]:
         """The ground actions, processes and events."""
         return (*self.actions, *self.processes, *self.events)
+
+    @functools.cached_property
+    def fluents_of_objects(self) -> dict[str, list[Fluent]]:
+        """Object → the fluents with it; the empty name → those without objects."""
+        of_object: dict[str, list[Fluent]] = {}
+        for fluent in self.fluents:
+            for thing in set(fluent.arguments) or ("",):
+                of_object.setdefault(thing, []).append(fluent)
+        return of_object
+
+    @functools.cached_property
+    def numeric_tuples(self) -> dict[tuple[str, ...], list[Fluent]]:
+        """Objects → all fluents of exactly these, where one of them is a number."""
+        tuples: dict[tuple[str, ...], list[Fluent]] = {}
+        for fluent in self.fluents:
+            tuples.setdefault(fluent.arguments, []).append(fluent)
+        return {o: fluents for o, fluents in tuples.items() if any(f.numeric for f in fluents)}
 
 
 def fluents_of(*parts: object) -> Iterator[int]:

@@ -37,9 +37,9 @@ def is_number(node: Node) -> bool:
 
 def parse_number(node: Node) -> x.Number:
     """Parse a numeric literal."""
-    if isinstance(node, Word) and (slip := slips.in_word(node)):
-        raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
+        if isinstance(node, Word) and (slip := slips.in_word(node)):
+            raise slip
         shown = node.text if isinstance(node, Word) else node.place.text
         raise DomainError(f"expected a number, found `{shown}`", node.place)
     value = float(node.text)
@@ -63,7 +63,15 @@ def as_function(node: Node, scope: Scope) -> Node:
 
 def parse_expression(node: Node, scope: Scope) -> x.Expression:
     """Parse a numeric expression."""
-    node = as_function(node, scope)
+    try:
+        return _expression(as_function(node, scope), scope)
+    except DomainError:
+        if isinstance(node, Group) and (slip := slips.in_number(node, scope.declarations)):
+            raise slip from None
+        raise
+
+
+def _expression(node: Node, scope: Scope) -> x.Expression:
     if isinstance(node, Word):
         if is_number(node):
             return parse_number(node)
@@ -82,8 +90,6 @@ def parse_expression(node: Node, scope: Scope) -> x.Expression:
         if not scope.in_metric or len(node.items) != 1:
             raise DomainError("`(total-time)` may stand only in a metric", node.place)
         return x.TotalTime(node.place)
-    if slip := slips.in_number(node, scope.declarations):
-        raise slip
     declaration = declared_as(node, scope, numeric=True)
     if declaration.name == x.REWARD and not scope.in_metric:
         raise DomainError(
@@ -139,8 +145,15 @@ def _chain(expression: x.Expression) -> int:
 
 def parse_condition(node: Node, scope: Scope) -> x.Condition:
     """Parse a condition; `()` is the empty conjunction."""
-    if slip := slips.in_form(node, slips.CONDITION, scope.declarations):
-        raise slip
+    try:
+        return _condition(node, scope)
+    except DomainError:
+        if slip := slips.in_form(node, slips.CONDITION, scope.declarations):
+            raise slip from None
+        raise
+
+
+def _condition(node: Node, scope: Scope) -> x.Condition:
     group = expect_group(node, "a condition")
     if not group.items:
         return x.Connective("and", (), group.place)
@@ -237,8 +250,15 @@ _CHANGES = {change.value: change for change in x.Change}
 
 def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[x.Effect, ...]:
     """Parse an effect into its parts, with every `and` flattened."""
-    if slip := slips.in_form(node, slips.EFFECT, scope.declarations):
-        raise slip
+    try:
+        return _effects(node, scope, inside_when=inside_when)
+    except DomainError:
+        if slip := slips.in_form(node, slips.EFFECT, scope.declarations):
+            raise slip from None
+        raise
+
+
+def _effects(node: Node, scope: Scope, *, inside_when: bool) -> tuple[x.Effect, ...]:
     group = expect_group(node, "an effect")
     if not group.items:
         return ()

@@ -6,9 +6,9 @@ import functools
 import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
-from serp.pddl.source import DomainError, Place, Recovery, Source, line_end
+from serp.pddl.source import DomainError, Place, Recovery, Source
 
 SECTIONS = frozenset(
     (
@@ -20,23 +20,24 @@ SECTIONS = frozenset(
 _FIELDS = frozenset((":parameters", ":precondition", ":effect"))
 _HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
 _OPENING = re.compile(r"[({[][ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
-_BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
-_TOKEN = re.compile(r"[](){}[]|[^](){}\s;[]+")
+_TOKEN = re.compile(
+    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[]*"
+    r"|(;)[^\r\n]*|(//|#)[^\r\n]*|([^ \t\r\n\f\v])",
+    re.IGNORECASE,
+)
+"""A parenthesis or a word; or a comment, one of another language, or anything else."""
 _BRACKETS = {"{": "(", "[": "(", "}": ")", "]": ")"}
-_FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
 
-@dataclass(frozen=True, slots=True)
-class Word:
+class Word(NamedTuple):
     """A name, variable, keyword, operator or number, in lower case (PDDL knows no case)."""
 
     text: str
     place: Place
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
+class Group(NamedTuple):
     """A parenthesised list."""
 
     items: tuple[Node, ...]
@@ -51,7 +52,6 @@ class Group:
 Node = Word | Group
 
 
-@functools.lru_cache(maxsize=4)  # a file is looked at several times: parsed, then checked
 def read_group(source: Source) -> Group:
     """Read the single parenthesised list that a PDDL file consists of.
 
@@ -105,127 +105,126 @@ def read_what_can_be(source: Source) -> tuple[Group, ...]:
 
 def _tokens(source: Source) -> Iterator[Word]:
     """Yield parentheses and words."""
-    text, position = source.text, 0
-    while (begin := _BLANK.match(text, position).end()) < len(text):  # type: ignore[union-attr]
-        match = _TOKEN.match(text, begin)
-        if match is None:
+    for match in _TOKEN.finditer(source.text):
+        kind = match.lastindex
+        if kind is None:
+            yield Word(match[0].lower(), Place(source, *match.span()))
+        elif kind == 2:
             with source.recovering():
                 raise DomainError(
-                    f"character U+{ord(text[begin]):04X} is not an ordinary space",
-                    source.place(begin, begin + 1),
-                    "replace it with a space",
-                    write=" ",
-                    code="stray-text",
-                )
-            position = begin + 1
-            continue
-        if comment := _FOREIGN_COMMENT.match(match[0]):
-            with source.recovering():
-                raise DomainError(
-                    f"`{comment[0]}` does not begin a comment in PDDL",
-                    source.place(begin, begin + len(comment[0])),
+                    f"`{match[2]}` does not begin a comment in PDDL",
+                    source.place(*match.span(2)),
                     "comments begin with `;`",
                     write=";",
                     code="stray-text",
                 )
-            position = line_end(text, begin)
-            continue
-        position = match.end()
-        token, place = _BRACKETS.get(match[0], match[0]), source.place(begin, position)
-        if token != match[0]:
+        elif kind == 3:
+            place, bracket = source.place(*match.span()), _BRACKETS.get(match[3])
+            problem = f"character U+{ord(match[3]):04X} is not an ordinary space"
             with source.recovering():
                 raise DomainError(
-                    "the parentheses of PDDL are round", place, write=token, code="stray-text"
+                    "the parentheses of PDDL are round" if bracket else problem,
+                    place,
+                    "" if bracket else "replace it with a space",
+                    write=bracket or " ",
+                    code="stray-text",
                 )
-        yield Word(token.lower(), place)
+            if bracket:
+                yield Word(bracket, place)
+
+
+class _Traces(NamedTuple):
+    """What tells where a slip in the parentheses is."""
+
+    before: Place  # the token before the one where the slip shows
+    suspect: tuple[Place, Place] | None  # what should have ended, and behind what
+    bare: Place | None  # a word that begins a form, without a `(` before it
+    closing: Place | None  # the last `)`
 
 
 class _SectionReader:
     """Reads a section, or what stands before the first one, up to the next one.
 
-    Args:
-        define: The parenthesis that begins the file.
-        tokens: Those of the part.
-        ahead: The first two of the next section; none at the end of the file.
-
-    Attributes:
-        items: The forms that are complete.
+    `define` is the parenthesis that begins the file; `ahead` the first two tokens of the next
+    section, none at the end of the file; `items` the forms that are complete.
     """
 
     def __init__(self, define: Place, tokens: Sequence[Word], ahead: Sequence[Word]) -> None:
         self.items: list[Node] = []
-        self._tokens, self._ahead = tokens, ahead
+        self._define, self._tokens, self._ahead = define, tokens, ahead
         self._open = [define]
-        self._groups = [self.items]
-        self._before = define
-        self._line = 0
-        self._closing: Place | None = None
-        # A form that the layout says should have ended, and the token behind which.
-        self._suspect: tuple[Place, Place] | None = None
-        self._bare: Place | None = None  # a word that begins a form, without a `(` before it
 
     def read(self) -> None:
         """Read all forms; parentheses have to match."""
-        for token in self._tokens:
-            if not self._open:
-                raise self._after_the_end(token.place)
-            self._see_line(token)
-            self._take(token)
-            self._before = token.place
-        if not self._ahead:
-            if self._open:
-                raise self._missing(self._open, "the file ends")
-        elif len(self._open) != 1:
-            shown, line = f"`({self._ahead[1].text}`", self._ahead[1].place.line
-            if self._open:
-                raise self._missing(self._open[1:], f"{shown} begins in line {line}")
-            raise self._too_many(f"{shown} in line {line} follows")
-
-    def _take(self, token: Word) -> None:
         max_nesting = 100
-        place, opened = token.place, self._before is self._open[-1]
-        if token.text == "(":
-            self._open.append(place)
-            self._groups.append([])
-            if len(self._open) > max_nesting:
-                raise _unbalanced(f"nested deeper than {max_nesting} parentheses", place)
-        elif token.text == ")":
-            self._closing = place
-            whole = place.source.place(self._open.pop().start, place.end)
-            items = self._groups.pop()
-            if self._groups:
-                self._groups[-1].append(Group(tuple(items), whole))
-        else:
-            if token.text in _FIELDS and not opened:
-                self._see_field(token)
-            elif token.text in _HEADS and self._bare is None and not opened:
-                self._bare = place
-            self._groups[-1].append(token)
-
-    def _see_line(self, token: Word) -> None:
-        """Find a form that the layout says should have ended before a line that begins here."""
-        place, line = token.place, token.place.line
-        if line != self._line and self._suspect is None and len(self._open) > 1:
-            form = self._open[-1]
-            shown = form.source_line
-            indent = len(shown) - len(shown.lstrip()) + 1
-            column = place.column
-            if form.line < line and (column < indent or (column == indent and token.text != ")")):
-                self._suspect = (form, self._before)
-        self._line = line
-
-    def _see_field(self, token: Word) -> None:
-        """Check that a word such as `:effect` stands in a section, not in a form of it."""
-        shown, line = f"`{token.text}`", token.place.line
-        if len(self._open) > 2:
-            raise self._missing(self._open[2:], f"{shown} begins in line {line}")
-        if len(self._open) == 1 and self._closing is not None:
+        opened, groups = self._open, [self.items]
+        for token in self._tokens:
+            if not opened:
+                raise self._after_the_end(token)
+            text, place = token
+            if text == "(":
+                opened.append(place)
+                groups.append([])
+                if len(opened) > max_nesting:
+                    raise _unbalanced(f"nested deeper than {max_nesting} parentheses", place)
+            elif text == ")":
+                whole = Place(place.source, opened.pop().start, place.end)
+                items = tuple(groups.pop())
+                if groups:
+                    groups[-1].append(Group(items, whole))
+            else:
+                if text in _FIELDS and groups[-1]:
+                    self._check_field(token)
+                groups[-1].append(token)
+        if not self._ahead:
+            if opened:
+                raise self._missing(opened, "the file ends")
+        elif len(opened) != 1:
+            shown, line = f"`({self._ahead[1].text}`", self._ahead[1].place.line
+            if opened:
+                raise self._missing(opened[1:], f"{shown} begins in line {line}")
             raise self._too_many(f"{shown} in line {line} follows")
-        self._suspect = self._bare = None
 
-    def _after_the_end(self, place: Place) -> DomainError:
+    def _check_field(self, token: Word) -> None:
+        """Check that a word such as `:effect` stands in a section, not in a form of it."""
+        if len(self._open) > 2:
+            where = f"`{token.text}` begins in line {token.place.line}"
+            raise self._missing(self._open[2:], where, token)
+        if len(self._open) == 1 and self._traces(token).closing:
+            raise self._too_many(f"`{token.text}` in line {token.place.line} follows", token)
+
+    def _traces(self, end: Word | None) -> _Traces:
+        """Look back on what was read up to a token; None: on all."""
+        opened, before = [self._define], self._define
+        suspect: tuple[Place, Place] | None = None
+        bare = closing = None
+        for token in self._tokens:
+            if not opened:
+                break
+            (text, place), form = token, opened[-1]
+            if suspect is None and form.line < place.line != before.line and len(opened) > 1:
+                shown = form.source_line
+                indent = len(shown) - len(shown.lstrip()) + 1
+                if place.column < indent or (place.column == indent and text != ")"):
+                    suspect = form, before
+            if token is end:
+                break
+            if text == "(":
+                opened.append(place)
+            elif text == ")":
+                opened.pop()
+                closing = place
+            elif text in _FIELDS and before is not form:
+                suspect = bare = None
+            elif text in _HEADS and before is not form:
+                bare = bare or place
+            before = place
+        return _Traces(before, suspect, bare, closing)
+
+    def _after_the_end(self, token: Word) -> DomainError:
+        place = token.place
         if keyword := _KEYWORD_AHEAD.match(place.source.text, place.start):
-            return self._too_many(f"`{keyword[0]}` in line {place.line} follows")
+            return self._too_many(f"`{keyword[0]}` in line {place.line} follows", token)
         return DomainError(
             "text after the end of the definition",
             place,
@@ -233,16 +232,18 @@ class _SectionReader:
             code="stray-text",
         )
 
-    def _too_many(self, why: str) -> DomainError:
+    def _too_many(self, why: str, end: Word | None = None) -> DomainError:
         """Return what is wrong where a form has ended although more of it follows."""
-        if self._bare is not None:
-            word = self._bare.text
-            return _unbalanced(f"a `(` is missing before `{word}`", self._bare, f"({word}")
-        return _unbalanced(f"this `)` is one too many: {why}", self._closing, "")
+        traces = self._traces(end)
+        if traces.bare is not None:
+            word = traces.bare.text
+            return _unbalanced(f"a `(` is missing before `{word}`", traces.bare, f"({word}")
+        return _unbalanced(f"this `)` is one too many: {why}", traces.closing, "")
 
-    def _missing(self, still: Sequence[Place], where: str) -> DomainError:
+    def _missing(self, still: Sequence[Place], where: str, end: Word | None = None) -> DomainError:
         """Return what is wrong where forms are still open."""
-        form, before = self._suspect or (still[-1], self._before)
+        traces = self._traces(end)
+        form, before = traces.suspect or (still[-1], traces.before)
         colon, head, name = _OPENING.match(form.source.text, form.start).groups()  # type: ignore[union-attr]
         shown = f"({colon}{head}{(name or '') if colon else ''}"
         count = len(still)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import bisect
-import contextlib
 import functools
 import re
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from serp.errors import SerpError
 from serp.pddl.error_message import Excerpt, error_message, printable
@@ -131,8 +130,7 @@ class Source:
         """Return the place of the characters `start` to `end` (exclusive)."""
         return Place(self, start, end)
 
-    @contextlib.contextmanager
-    def recovering(self, given_up: Place | None = None) -> Iterator[None]:
+    def recovering(self, given_up: Place | None = None) -> _Recovering:
         """Leave the block at an error, which `recovery` takes, and go on behind it.
 
         Args:
@@ -142,12 +140,7 @@ class Source:
         Raises:
             DomainError: The error, where there is no `recovery`.
         """
-        try:
-            yield
-        except DomainError as error:
-            if self.recovery is None:
-                raise
-            self.recovery.take(error, given_up)
+        return _Recovering(self.recovery, given_up)
 
     @property
     def errors_taken(self) -> int:
@@ -166,8 +159,7 @@ class Source:
         return self.text[starts[number - 1] : end].rstrip("\r\n")
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """A stretch of characters of one source."""
 
     source: Source
@@ -218,7 +210,7 @@ class Place:
         fix = None if write is None else Fix((Edit(self.start, self.end, write),))
         self.source.warnings.append(DomainWarning(text, self, code, advice, fix))
 
-    def recovering(self) -> contextlib.AbstractContextManager[None]:
+    def recovering(self) -> _Recovering:
         """Leave the block at an error in this place, and go on; see `Source.recovering`."""
         return self.source.recovering(self)
 
@@ -290,6 +282,22 @@ class Recovery:
     def give_up(self, text: str) -> None:
         """Note that a text could not be read."""
         self.given_up.update(re.findall(r"[^\s();]+", text.lower()))
+
+
+class _Recovering(NamedTuple):
+    """The block of `Source.recovering`."""
+
+    recovery: Recovery | None
+    given_up: Place | None
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: object, trace: object) -> bool:
+        if self.recovery is None or not isinstance(error, DomainError):
+            return False
+        self.recovery.take(error, self.given_up)
+        return True
 
 
 class DomainError(SerpError):

@@ -6,9 +6,11 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 from serp.pddl.source import Place
 
@@ -346,37 +348,35 @@ class ProblemSyntax:
 
 def nodes_in(*parts: object) -> Iterator[object]:
     """Yield the nodes of some parts of a file, each before those in it, in their order."""
-    for part in parts:
-        if isinstance(part, tuple):
-            yield from nodes_in(*part)
-        elif (names := _fields_of(part)) is not None:
+    waiting: list[Any] = [*reversed(parts)]
+    while waiting:
+        part = waiting.pop()
+        if part.__class__ is tuple:
+            waiting += reversed(part)
+        elif (names := _fields_of(part.__class__)) is not None:
             yield part
-            yield from nodes_in(*(getattr(part, name) for name in names))
+            waiting += [getattr(part, name) for name in reversed(names)]
 
 
-def meaning(part: object) -> Hashable:
+def meaning(part: Any) -> Hashable:
     """Return what a part of a file says, without its places; equal for what says the same."""
-    if isinstance(part, tuple):
+    if part.__class__ is tuple:
         return tuple(map(meaning, part))
-    if (names := _fields_of(part)) is not None:
+    if (names := _fields_of(part.__class__)) is not None:
         return type(part), *(meaning(getattr(part, name)) for name in names)
     return None if isinstance(part, Place) else part
 
 
-def _fields_of(part: object) -> tuple[str, ...] | None:
-    """Return the names of the fields of a node; None for a place, or what is no node."""
-    return None if isinstance(part, Place) else getattr(part, "__match_args__", None)
+@functools.cache
+def _fields_of(kind: type) -> tuple[str, ...] | None:
+    """Return the fields of a kind of node, but for its place; None for what is no node."""
+    names = None if kind is Place else getattr(kind, "__match_args__", None)
+    return names and tuple(name for name in names if name != "place")
 
 
 def names_in(*parts: object) -> set[str]:
     """Return the predicates and functions that parts of a file name."""
     return {node.name for node in nodes_in(*parts) if isinstance(node, Atom | FunctionTerm)}
-
-
-def conditions_of(schema: Schema) -> tuple[Condition, ...]:
-    """Return the precondition of a schema and the conditions of its effects."""
-    conditions = [node.condition for node in nodes_in(schema.effects) if isinstance(node, When)]
-    return (schema.precondition, *conditions)
 
 
 def changed_names(schemas: tuple[Schema, ...]) -> set[str]:

@@ -9,8 +9,9 @@ import io
 import os
 import signal
 import sys
+import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -77,6 +78,19 @@ def say(text: str, head: str = "") -> None:
         sys.stdout.flush()  # what was printed before stands before it
     with contextlib.suppress(OSError, ValueError):
         click.echo(click.style(head, fg="red", bold=True) * bool(head) + visible(text), err=True)
+
+
+@contextlib.contextmanager
+def working(on: str) -> Iterator[None]:
+    """Say on a terminal what a command works on, where the body takes more than 2 s."""
+    timer = threading.Timer(2.0, say, (f"{on} ...",))
+    timer.daemon = True
+    if sys.stderr.isatty():
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:

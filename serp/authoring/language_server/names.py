@@ -112,12 +112,9 @@ def _without_types(items: Sequence[Node]) -> Iterator[Word]:
         before = text
 
 
-def _words_of(node: Node) -> Iterator[Word]:
-    if isinstance(node, Word):
-        yield node
-        return
-    for item in node.items:
-        yield from _words_of(item)
+def _words_of(group: Group) -> Iterator[Word]:
+    for item in group.items:
+        yield from (item,) if isinstance(item, Word) else _words_of(item)
 
 
 # Completion and hover -----------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,9 @@ from typing import NamedTuple
 from serp.errors import SerpError
 from serp.pddl.reader import read_what_can_be
 from serp.pddl.source import DomainError, Source
+
+_TITLE = re.compile(r"\(\s*(domain|problem|:domain)\s+([^\s();]+)|;[^\r\n]*", re.IGNORECASE)
+"""What a file is, and the domain of a problem; or a comment."""
 
 
 class DomainFiles(NamedTuple):
@@ -65,14 +69,14 @@ def _title_of_file(path: Path) -> Title:
 
 def title_of(source: Source) -> Title:
     """Return what a file is, as far as its first lines can be read."""
-    named = {
-        group.head: group.items[1].place.text.lower()
-        for group in read_what_can_be(source)
-        if len(group.items) > 1
-    }
-    if "problem" in named:
-        return Title("problem", named.get(":domain", ""))
-    return Title("domain" if "domain" in named else "", named.get("domain", ""))
+    named: dict[str, str] = {}
+    for match in _TITLE.finditer(source.text):
+        if match[1]:
+            named.setdefault(match[1].lower(), match[2].lower())
+            if "domain" in named or len(named) > 1:
+                break
+    kind = next((word for word in named if word != ":domain"), "")
+    return Title(kind, named.get("domain" if kind == "domain" else ":domain", ""))
 
 
 def domain_not_found(problem: Source) -> DomainError:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from serp._util.processes import no_collection
 from serp.authoring.lint import rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
@@ -117,7 +116,6 @@ class Examined:
     domain: Domain | None
 
 
-@no_collection()
 def examine(
     domain: Source | str | Path,
     problem: Source | str | Path | None = None,

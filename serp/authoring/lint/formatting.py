@@ -34,15 +34,9 @@ def formatted(source: Source) -> str:
 
 @dataclass
 class _TextLine:
-    """One line: its tokens and its comment.
+    """One line: its tokens with their columns, and its comment, which begins at a column `at`.
 
-    Attributes:
-        tokens: Parentheses and words, each with its column in the file; a tab is one column.
-        comment: From the semicolon on; empty where there is none.
-        at: Column of the comment in the file.
-        indent: Column where the line begins, as it is to be.
-        code: The tokens as they are to be.
-        new_at: Column of the comment, as it is to be.
+    `indent`, `code` and `new_at` are the line as it is to be.
     """
 
     tokens: list[tuple[str, int]]

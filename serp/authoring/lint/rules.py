@@ -21,11 +21,6 @@ _NEUTRAL = {"add": 0.0, "scale": 1.0}
 _OPPOSITE = {x.Change.INCREASE: "decrease", x.Change.DECREASE: "increase"}
 
 
-def _schemas(subject: LintSubject) -> Iterator[tuple[str, x.Schema]]:
-    for schema in subject.domain.syntax.schemas:
-        yield f"{schema.kind.value} `{schema.name}`", schema
-
-
 @rule("no-reward", needs_problem=True)
 def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.rewarding:
@@ -36,8 +31,9 @@ def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
 @rule("flag-read-in-action", local=True)
 def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find conditions of actions on `(unsafe)` or `(terminal)`, which start false in every step."""
-    for what, schema in _schemas(subject):
-        for atom in x.nodes_in(x.conditions_of(schema)) if schema.kind is x.Kind.ACTION else ():
+    for written in subject.schemas:
+        what, action = written.what, written.schema.kind is x.Kind.ACTION
+        for atom in x.nodes_in(written.conditions) if action else ():
             if isinstance(atom, x.Atom) and atom.name in (x.UNSAFE, x.TERMINAL):
                 yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so {what} always finds it "
@@ -53,7 +49,8 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
     A domain without `(reward)` is for problems with a goal, which may read what is changed.
     """
     syntax, problem = subject.domain.syntax, subject.domain.problem_syntax
-    read = x.names_in(*map(x.conditions_of, syntax.schemas), *(a.condition for a in syntax.axioms))
+    axioms = (axiom.condition for axiom in syntax.axioms)
+    read = x.names_in(*(written.conditions for written in subject.schemas), *axioms)
     read |= x.names_in(problem.goal, problem.metric) if problem else set()
     for _, effect in _changes(subject):
         read |= x.names_in(effect.value) - {effect.function.name}
@@ -75,9 +72,12 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
 @rule("unused-parameter", local=True)
 def _unused_parameter(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
-    for _, schema in _schemas(subject):
-        for form in x.nodes_in(schema):
-            if not isinstance(form, x.Schema | x.Quantified | x.ForallEffect):
+    for _, schema, effects in subject.schemas:
+        for form in (schema, *x.nodes_in(schema.precondition), *effects):
+            if (
+                not isinstance(form, x.Schema | x.Quantified | x.ForallEffect)
+                or not form.parameters
+            ):
                 continue
             head = form.operator if isinstance(form, x.Quantified) else "forall"
             if form is schema:
@@ -90,10 +90,8 @@ def _unused_parameter(subject: LintSubject) -> Iterator[DomainWarning]:
 
 
 def _changes(subject: LintSubject) -> Iterator[tuple[str, x.ChangeFunction]]:
-    for what, schema in _schemas(subject):
-        for effect in x.nodes_in(schema.effects):
-            if isinstance(effect, x.ChangeFunction):
-                yield what, effect
+    for what, _, effects in subject.schemas:
+        yield from ((what, effect) for effect in effects if isinstance(effect, x.ChangeFunction))
 
 
 @rule("no-change", local=True)
@@ -123,9 +121,8 @@ def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
 @rule("set-and-unset", local=True)
 def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find what one list of effects makes false and true: in PDDL, true wins."""
-    for what, schema in _schemas(subject):
-        inner = (e.effects for e in x.nodes_in(schema.effects)
-                 if isinstance(e, x.When | x.ForallEffect))  # fmt: skip
+    for what, schema, nodes in subject.schemas:
+        inner = (e.effects for e in nodes if isinstance(e, x.When | x.ForallEffect))
         for effects in (schema.effects, *inner):
             settings = [effect for effect in effects if isinstance(effect, x.SetPredicate)]
             made = {x.meaning(effect.atom) for effect in settings if effect.value}
@@ -187,9 +184,9 @@ def _always_true(subject: LintSubject) -> Iterator[DomainWarning]:
     for what, schemas in _possible(subject):
         common: dict[Place, DomainWarning] | None = None  # those of all instances
         for schema in schemas:
+            if common == {}:
+                break
             conditions = dict.fromkeys(effect.condition for effect in schema.effects)
-            if contradiction(schema.preconditions, subject.theta):
-                continue
             common = {
                 test.place: warning
                 for test in x.nodes_in(schema.preconditions, *conditions)
@@ -245,28 +242,18 @@ def _contradictory_condition(subject: LintSubject) -> Iterator[DomainWarning]:
         for place, pair in never.items():
             if pair:
                 yield _exclusion(f"`{place.text}` in {what} can never happen", pair, place)
-    for name, schemas in subject.telling.items():
-        if pair := _contradiction_in_all(subject, schemas):
-            kind, place = schemas[0].kind, schemas[0].place.opening
+    for name, pairs in subject.excluding.items():
+        if (pair := pairs[0]) and all(pairs):
+            kind, place = subject.telling[name][0].kind, subject.telling[name][0].place.opening
             yield _exclusion(f"{kind.value} `{name}` {_CANNOT[kind]}", pair, place)
 
 
 def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:
-    """Yield kind with name, and instances, of the schemas that can happen."""
+    """Yield kind with name, and the instances that can happen, of schemas with such."""
     for name, schemas in subject.telling.items():
-        if not _contradiction_in_all(subject, schemas):
-            yield f"{schemas[0].kind.value} `{name}`", schemas
-
-
-def _contradiction_in_all(subject: LintSubject, schemas: list[g.GroundSchema]) -> Pair | None:
-    """Return tests of the first instance that exclude each other if there are some in all."""
-    first: Pair | None = None
-    for schema in schemas:
-        pair = contradiction(schema.preconditions, subject.theta)
-        if pair is None:
-            return None
-        first = first or pair
-    return first
+        pairs = zip(schemas, subject.excluding[name], strict=True)
+        if possible := [schema for schema, pair in pairs if pair is None]:
+            yield f"{schemas[0].kind.value} `{name}`", possible
 
 
 def _exclusion(problem: str, pair: Pair, otherwise: Place) -> DomainWarning:

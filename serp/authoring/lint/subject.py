@@ -2,17 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
+from serp.authoring.lint.contradiction import Pair, contradiction
 from serp.model.domain import Domain
 from serp.model.ground_model import GroundModel, GroundSchema
+from serp.pddl import syntax as x
 from serp.pddl.source import DomainError, DomainWarning
 
 MOST_INSTANCES = 5_000
 """Most instances that the rules look at beyond those of a domain that is right."""
+
+
+class WrittenSchema(NamedTuple):
+    """An action, process or event: kind with name, the syntax, and all nodes of its effects."""
+
+    what: str
+    schema: x.Schema
+    effects: list[object]
+
+    @property
+    def conditions(self) -> tuple[x.Condition, ...]:
+        """The precondition, and the conditions of the effects."""
+        inner = (node.condition for node in self.effects if isinstance(node, x.When))
+        return (self.schema.precondition, *inner)
 
 
 @dataclass(frozen=True)
@@ -22,16 +39,23 @@ class LintSubject:
     domain: Domain
 
     @cached_property
+    def schemas(self) -> list[WrittenSchema]:
+        """The actions, processes and events as written."""
+        return [WrittenSchema(f"{of.kind.value} `{of.name}`", of, [*x.nodes_in(of.effects)])
+                for of in self.domain.syntax.schemas]  # fmt: skip
+
+    @cached_property
     def anywhere(self) -> GroundModel:
         """The domain for states that need not be reached from the problem's `:init`.
 
         Where that is too large, or needs numbers that are not given, it is what can be reached.
         """
-        most = min(MOST_INSTANCES, self.domain.max_ground_schemas)
-        try:
-            return replace(self.domain.observed(), max_ground_schemas=most).model.ground
-        except DomainError:
-            return self.domain.model.ground
+        observed = self.domain.observed()
+        if observed is not self.domain:
+            most = min(MOST_INSTANCES, self.domain.max_ground_schemas)
+            with contextlib.suppress(DomainError):
+                return replace(observed, max_ground_schemas=most).model.ground
+        return self.domain.model.ground
 
     @cached_property
     def theta(self) -> list[float]:
@@ -59,6 +83,14 @@ class LintSubject:
             if (distinct := [s for s in schemas if len({*s.arguments}) == len(s.arguments)])
         }
 
+    @cached_property
+    def excluding(self) -> dict[str, list[Pair | None]]:
+        """Name of a schema → of its `telling` instances, preconditions that exclude each other."""
+        return {
+            name: [contradiction(instance.preconditions, self.theta) for instance in schemas]
+            for name, schemas in self.telling.items()
+        }
+
     @property
     def waits_for_problem(self) -> bool:
         """Whether the domain is nothing without a problem that names its objects."""
@@ -72,11 +104,8 @@ class LintSubject:
 class Rule(NamedTuple):
     """What yields the warnings of a code.
 
-    Attributes:
-        local: Whether it is about single actions, processes and events, and right though others are
-            unreadable.
-        needs_problem: Whether it says nothing of a domain without the problem that names its
-            objects.
+    A `local` one is about single actions, processes and events, and right though others are
+    unreadable; one that `needs_problem` waits for the problem that names the objects.
     """
 
     code: str

@@ -42,17 +42,15 @@ def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[Feature
     Roles distinguish the objects: the position among the action's arguments, or in the tuple.
     """
     own = set(action.arguments)
-    tuples: dict[tuple[str, ...], list[Fluent]] = {(): []}
-    of_object: dict[str, list[Fluent]] = {"": []}
-    for fluent in model.fluents:
-        objects = () if own.issuperset(fluent.arguments) else fluent.arguments
-        tuples.setdefault(objects, []).append(fluent)
-        for thing in set(fluent.arguments) or ("",):
-            of_object.setdefault(thing, []).append(fluent)
+    of_object = model.fluents_of_objects
+    inner = {f.index: f for thing in ("", *own) for f in of_object.get(thing, ())
+             if own.issuperset(f.arguments)}  # fmt: skip
+    tuples: dict[tuple[str, ...], list[Fluent]] = {(): [inner[index] for index in sorted(inner)]}
+    tuples |= {o: f for o, f in model.numeric_tuples.items() if not own.issuperset(o)}
     return tuple(
         _group(model, action, objects, fluents, of_object)
         for objects, fluents in tuples.items()
-        if (fluents if not objects else any(fluent.numeric for fluent in fluents))
+        if fluents
     )
 
 

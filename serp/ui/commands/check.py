@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,16 +12,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from serp._util.did_you_mean import listed
-from serp._util.processes import no_collection
 from serp._util.text import plural
 from serp.errors import SerpError, TaskError
 from serp.ui.options import (
-    asked_domain,
     asked_own_task,
     command,
     json_option,
     own_task_name,
     own_task_option,
+    with_domain,
 )
 from serp.ui.output import show
 from serp.ui.root import say
@@ -100,14 +101,15 @@ def _checked(pair: DomainFiles, own: Task | None) -> _CheckedDomain:
     from serp.pddl.source import DomainError
 
     summary: list[str] = []
-    asked = own is not None or pair.domain is None
     try:
-        domain, task = _load(pair, own)
-        found = examine(
-            domain.source,
-            domain.problem_source,
-            look=lambda _: _look(summary, domain, task, asked=asked),
-        ).findings
+        if pair.domain is not None:
+            look = functools.partial(_look, summary, pair.domain, own)
+            found = examine(pair.domain, pair.problem, look=look).findings
+        else:
+            task = _named_task(pair, own)
+            domain = task.load()
+            look = functools.partial(_look, summary, None, task)
+            found = examine(domain.source, domain.problem_source, look=look).findings
     except DomainError as error:
         found = [] if pair.domain is None else examine(pair.domain, pair.problem).findings
         found = found or [Finding.of(error)]
@@ -116,14 +118,36 @@ def _checked(pair: DomainFiles, own: Task | None) -> _CheckedDomain:
     return _CheckedDomain(pair.name, found, summary)
 
 
-def _look(
-    summary: list[str], domain: Domain, task: Task | None, *, asked: bool
-) -> Iterator[DomainWarning]:
-    """Sum a domain up, and yield warnings about its task.
+def _named_task(pair: DomainFiles, own: Task | None) -> Task:
+    """Return the task that is given instead of a domain file."""
+    from serp.authoring.lint.domain_pairs import domain_not_found
+    from serp.pddl.source import DomainError, Source
+    from serp.tasks.registry import load_task
 
-    A task that does not fit is an error if the user asked for it, else a warning.
+    if pair.problem is not None:
+        raise domain_not_found(Source.read(pair.problem))
+    if own is None and Path(pair.name).is_dir():
+        raise DomainError(
+            f"{pair.name} is a folder; give the files in it, such as `*.pddl`",
+            code="unreadable-file",
+        )
+    return own or load_task(pair.name)
+
+
+def _look(
+    summary: list[str], file: Path | None, asked: Task | None, domain: Domain
+) -> Iterator[DomainWarning]:
+    """Sum a domain up, and yield warnings about the task that it belongs to.
+
+    A task that does not fit is an error if the user `asked` for it, else a warning.
     """
-    summary += _summary(domain)
+    from serp.tasks.registry import task_of
+
+    task = None if asked is None else with_domain(asked, domain)
+    if file is not None and asked is None:
+        with contextlib.suppress(TaskError):  # the package that offers it fails
+            task = task_of(domain, file)
+    summary += _summary(domain if task is None else task.load())
     if task is None:
         return
     from serp.authoring.lint.task_ranges import out_of_range
@@ -133,35 +157,11 @@ def _look(
         with task.bind() as bound:
             yield from out_of_range(bound)
     except SerpError as error:
-        if asked:
+        if asked is not None:
             raise
         yield DomainWarning(str(error), code="task-mismatch")
         return
     summary.append(f"task {task.name}: environment, grounding and actions fit together")
-
-
-@no_collection()
-def _load(pair: DomainFiles, own: Task | None) -> tuple[Domain, Task | None]:
-    """Return a domain, and the task that it belongs to, with that domain; None for no task."""
-    from serp.authoring.lint.domain_pairs import domain_not_found
-    from serp.model.domain import load_domain
-    from serp.pddl.source import DomainError, Source
-
-    if pair.domain is None and pair.problem is not None:
-        raise domain_not_found(Source.read(pair.problem))
-    if pair.domain is None and own is None and Path(pair.name).is_dir():
-        raise DomainError(
-            f"{pair.name} is a folder; give the files in it, such as `*.pddl`",
-            code="unreadable-file",
-        )
-    try:
-        name = None if pair.domain is None and own is not None else str(pair.domain or pair.name)
-        return asked_domain(name, pair.problem)
-    except TaskError:
-        if pair.domain is None or own is not None:
-            raise
-        # The package that offers the task fails; the file may be right all the same.
-        return load_domain(pair.domain, pair.problem), None
 
 
 def _summary(domain: Domain) -> Iterator[str]:

@@ -13,7 +13,7 @@ from serp._util.text import percent, plural, readable
 from serp.errors import RunError, SerpError, needs_extra
 from serp.ui.options import OutputFile, again, command, json_option, run_argument
 from serp.ui.output import print_difference, print_json, print_next, print_table, show
-from serp.ui.root import say
+from serp.ui.root import say, working
 
 if TYPE_CHECKING:
     from serp.model.learned.adoption import WorthAdoption
@@ -47,7 +47,8 @@ def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> No
     from serp._util.files import write_durably
     from serp.runs.diagnosis import diagnosis as diagnosing
 
-    diagnosis = diagnosing.diagnose(run)
+    with working(f"comparing {run} with its domain file"):
+        diagnosis = diagnosing.diagnose(run)
     if as_json:
         print_json(diagnosing.as_dict(diagnosis))
     else:
@@ -179,13 +180,14 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     from serp.runs.diagnosis.analysis import findings
     from serp.runs.diagnosis.diagnosis import make_diagnosis, read_recorded
 
-    recorded = read_recorded(run)
-    if dry_run:
-        out = None
-    if out is not None:
-        _refuse_to_replace(recorded, out, force)
-    diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.adaptation.experience))
-    repaired = repairing.repair(recorded.domain, diagnosis.worthwhile)
+    with working(f"comparing {run} with its domain file"):
+        recorded = read_recorded(run)
+        out = None if dry_run else out
+        if out is not None:
+            _refuse_to_replace(recorded, out, force)
+        found = findings(recorded.model, recorded.adaptation.experience)
+        diagnosis = make_diagnosis(recorded, found)
+        repaired = repairing.repair(recorded.domain, diagnosis.worthwhile)
     name = recorded.metadata["domain_files"].get("domain.pddl", "domain.pddl")
     steps = plural(len(diagnosis.steps.sample), "step")
     changes = plural(len(repaired.changes), "change")

@@ -22,7 +22,7 @@ from serp.ui.options import (
     seed_option,
 )
 from serp.ui.output import print_json, print_table, show
-from serp.ui.root import say
+from serp.ui.root import say, working
 
 if TYPE_CHECKING:
     from serp.runs.run import Run
@@ -60,12 +60,13 @@ def why(
     if episode is not None and step is None:
         raise click.UsageError("give --step beside --episode")
     read, because = Run(run), ""
-    recording = read.recording(evaluation)
-    if step is None:
-        step, because = most_telling(recording)
-    elif episode is not None:
-        step = recording.find(episode, step)
-    account = account_of_step(read, recording, step)
+    with working(f"planning a step of {run} again"):
+        recording = read.recording(evaluation)
+        if step is None:
+            step, because = most_telling(recording)
+        elif episode is not None:
+            step = recording.find(episode, step)
+        account = account_of_step(read, recording, step)
     if as_json:
         about = {"run": str(run), "evaluation": evaluation, "domain": read.domain.name}
         print_json({**about, "because": because, **account.as_dict()})
@@ -120,7 +121,9 @@ def report(run: Path, out: Path | None, **options: Any) -> None:
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    write_report(open_run(run), path, **options)
+    opened = open_run(run)
+    with working(f"writing {path}"):
+        write_report(opened, path, **options)
     _print_size(path)
 
 

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from serp.authoring.lint.domain_pairs import Title, title_of
 from serp.authoring.lint.findings import RULES, examine
 from serp.pddl.source import Source
 from serp.ui.commands.files import write_changed
@@ -34,6 +35,13 @@ MANY = """\
 def found_in(text, problem=None):
     given = None if problem is None else Source("p.pddl", problem)
     return examine(Source("d.pddl", text), given).findings
+
+
+def test_a_file_is_what_its_first_lines_say_not_its_comments():
+    problem = "; (domain old)\n(DEFINE (Problem p) ; of\n (:domain D) (:init (problem a)))"
+    assert title_of(Source("p.pddl", problem)) == Title("problem", "d")
+    assert title_of(Source("d.pddl", "(define (domain d) (:domain e))")) == Title("domain", "d")
+    assert title_of(Source("x.pddl", "(define")) == Title("", "")
 
 
 def test_all_that_is_wrong_is_found_in_one_pass_and_nothing_that_follows_from_it():
