@@ -45,9 +45,7 @@ def lead(summary: Mapping[str, Any]) -> str:
 
 
 def write_results(
-    run: Run,
-    vetoes_by_reason: Mapping[str, int],
-    account: Mapping[str, Any] | None = None,
+    run: Run, vetoes_by_reason: Mapping[str, int], account: Mapping[str, Any] | None = None
 ) -> None:
     """Write ``summary.json``, ``learning-curve.png`` and ``learning-curve.svg``.
 

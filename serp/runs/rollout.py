@@ -52,13 +52,7 @@ class Rollout:
         totals: The totals of the episode so far.
     """
 
-    def __init__(
-        self,
-        task: BoundTask | RemoteTask,
-        agent: Agent,
-        judge: Judge,
-        seed: int,
-    ) -> None:
+    def __init__(self, task: BoundTask | RemoteTask, agent: Agent, judge: Judge, seed: int) -> None:
         self._task, self._judge, self._take_in = task, judge, agent.take_in
         self._limit = agent.settings.training.episode_steps
         self.totals = EpisodeTotals()

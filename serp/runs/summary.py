@@ -54,9 +54,7 @@ def moving_interval(
     )
 
 
-def binned_shares(
-    metrics: Metrics,
-) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
+def binned_shares(metrics: Metrics) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
     """Return the shares of executed actions by actor, in at most `_BINS` bins of episodes.
 
     Returns:

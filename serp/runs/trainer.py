@@ -82,12 +82,7 @@ class Trainer(Bookkeeping, Closing):
     """
 
     def __init__(
-        self,
-        task: BoundTask,
-        settings: Settings,
-        seed: int,
-        *,
-        baseline: bool = False,
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
     ) -> None:
         super().__init__()
         self.task = task

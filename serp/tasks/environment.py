@@ -166,10 +166,7 @@ class BoundTask(Closing):
             raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
 
     def ground(
-        self,
-        raw: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
+        self, raw: Any, info: Mapping[str, Any] | None = None, env: gym.Env[Any, Any] | None = None
     ) -> Vector:
         """Return the state `[F]` of an observation.
 

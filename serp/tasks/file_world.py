@@ -317,9 +317,7 @@ def _initial_state(domain: Domain) -> Vector:
     model, problem = domain.model, domain.problem_syntax
     if not model.actions:
         raise DomainError(
-            "there is no action that can ever be carried out",
-            domain.syntax.place,
-            code="no-action",
+            "there is no action that can ever be carried out", domain.syntax.place, code="no-action"
         )
     if problem is None or not problem.has_init:
         raise DomainError(

@@ -18,12 +18,7 @@ from serp.model.ground_model import (
     Unary,
 )
 from serp.model.instructions import contested
-from serp.model.learned.feature_groups import (
-    FeatureGroup,
-    Key,
-    feature_groups_of,
-    learnable,
-)
+from serp.model.learned.feature_groups import FeatureGroup, Key, feature_groups_of, learnable
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import nodes_in

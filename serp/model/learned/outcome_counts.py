@@ -149,10 +149,7 @@ class OutcomeCounts:
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays = {
-            "places": self.places.copy(),
-            "context": self._context.copy(),
-        }
+        arrays = {"places": self.places.copy(), "context": self._context.copy()}
         meta: dict[str, Any] = {
             "samples": self.samples,
             "strays": self._strays,
@@ -236,10 +233,7 @@ class CountedGroup(NamedTuple):
 
 
 def count_outcomes(
-    model: TransitionModel,
-    transitions: Transitions,
-    counted: Mask,
-    whole: Mask,
+    model: TransitionModel, transitions: Transitions, counted: Mask, whole: Mask
 ) -> list[CountedGroup]:
     """Return the counts of all groups that the model does not predict exactly.
 

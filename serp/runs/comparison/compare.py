@@ -23,13 +23,7 @@ from serp.model.domain import load_domain
 from serp.runs.comparison.algorithms import BASELINE, DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
-from serp.runs.comparison.trial import (
-    Job,
-    TrialProtocol,
-    file_name,
-    make_external,
-    read_trial,
-)
+from serp.runs.comparison.trial import Job, TrialProtocol, file_name, make_external, read_trial
 from serp.runs.folder import default_path, lock_folder, make_empty
 from serp.runs.train import stop_between_episodes
 from serp.settings import resolve
