@@ -40,14 +40,8 @@ def find(
 ) -> EntryPoint:
     """Return the entry point with a name; if there is none, raise a `failure`.
 
-    Args:
-        entries: The entry points by name.
-        name: The name.
-        what: The kind of implementation, such as `task`, for the message.
-        failure: The class of the error.
-        known: Other names that the message may suggest.
-        setting: The setting that holds the name, for the message.
-        advice: The end of the message.
+    For its message: `what` is the kind of implementation, such as `task`, `known` are other names
+    to suggest, `setting` holds the name, and `advice` is the end.
     """
     if name not in entries:
         meant = did_you_mean(name, [*known, *entries]) or "none is installed"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import gc
 import multiprocessing
@@ -23,10 +22,7 @@ _OURS: Final = "serp"
 
 
 def python_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module in a Python process.
-
-    It imports nothing from the working folder in place of what is installed.
-    """
+    """Return the command that runs a module, and that imports nothing from the working folder."""
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
@@ -71,7 +67,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-@contextlib.contextmanager
+@contextmanager
 def no_collection() -> Iterator[None]:
     """Collect no garbage in the body, which makes many objects and no cycles of them."""
     enabled = gc.isenabled()
@@ -83,7 +79,7 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-@contextlib.contextmanager
+@contextmanager
 def one_thread() -> Iterator[None]:
     """Limit BLAS to one thread: more are slower, and how many there are changes bits."""
     import scipy.linalg  # noqa: F401  (a library that is loaded later is not limited)
@@ -102,7 +98,7 @@ def _libraries() -> threadpoolctl.ThreadpoolController:
     return threadpoolctl.ThreadpoolController()
 
 
-@contextlib.contextmanager
+@contextmanager
 def blas_on_one_thread() -> Iterator[None]:
     """Limit BLAS to one thread for a call in somebody else's loop, so that bits do not differ."""
     with _libraries().limit(limits=1, user_api="blas"):

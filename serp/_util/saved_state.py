@@ -19,7 +19,6 @@ import numpy.typing as npt
 from serp.errors import RunError
 
 LARGEST: Final = float(np.finfo(np.float64).max)
-"""Largest finite number."""
 MOST: Final = 2**53
 """Largest count: whole numbers up to it are exact as floats, too."""
 
@@ -110,11 +109,9 @@ class Saved:
         """Return a number from `low` to `high`, never NaN."""
         return float(self._checked(name, self._value(name), _real(low, high)))
 
-    def reals(
-        self, name: str, length: int, low: float = -LARGEST, high: float = LARGEST
-    ) -> list[float]:
-        """Return a list of `length` numbers."""
-        return [float(value) for value in self._list(name, length, _real(low, high))]
+    def reals(self, name: str, length: int) -> list[float]:
+        """Return a list of `length` finite numbers."""
+        return [float(value) for value in self._list(name, length, _real(-LARGEST, LARGEST))]
 
     def truth(self, name: str) -> bool:
         """Return a truth value."""
@@ -171,10 +168,9 @@ Reader = Callable[[Saved, str, Any], Any]
 
 
 class Declared:
-    """A class whose state in a checkpoint is declared once and checked by one reader.
+    """A class whose state in a checkpoint is declared once, as attribute → `Reader`.
 
-    `STATE` says of each attribute how it is read: by a method of `Saved`, `random` or `part`. Its
-    name in the checkpoint has no underscore. Nothing changes unless all attributes can be read.
+    Its name in the checkpoint has no underscore. Nothing changes unless all can be read.
     """
 
     STATE: ClassVar[Mapping[str, Reader]] = {}
@@ -205,11 +201,6 @@ def count(saved: Saved, name: str, own: Any) -> int:
     return saved.whole(name)
 
 
-def probability(saved: Saved, name: str, own: Any) -> float:
-    """Read a number from 0 to 1."""
-    return saved.real(name, 0.0, 1.0)
-
-
 def truths(saved: Saved, name: str, own: list[bool]) -> list[bool]:
     """Read as many truth values as there are."""
     return saved.truths(name, len(own))
@@ -218,6 +209,9 @@ def truths(saved: Saved, name: str, own: list[bool]) -> list[bool]:
 def within(low: float, high: float = LARGEST) -> Reader:
     """Return the reader of a number from `low` to `high`."""
     return lambda saved, name, own: saved.real(name, low, high)
+
+
+probability: Final = within(0.0, 1.0)
 
 
 def counts_of(names: Iterable[str]) -> Reader:

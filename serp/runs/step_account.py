@@ -269,9 +269,6 @@ def _judged(run: Run, step: StoredStep, ground: int) -> tuple[list[Cause], float
     return causes, judged.reward, judged.unsafe or step.unsafe
 
 
-# Planning again ----------------------------------------------------------------------------------
-
-
 _SECONDS: Final = 4.0
 """Time that planning again may take, and the search for what would have had to differ."""
 
@@ -351,9 +348,6 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
     actions = ActionMap(run.model, len(run.model.actions))
     vetoes = VetoPolicy(actions, run.made.settings.arbiter)
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
-
-
-# Sentences ----------------------------------------------------------------------------------------
 
 
 def heading(account: StepAccount) -> str:

@@ -27,15 +27,11 @@ if TYPE_CHECKING:
 
 
 class BoundTask(Closing):
-    """A task with an environment, its loaded domain and its resolved actions.
-
-    As a context manager it closes its environment at the end.
+    """A task with an environment, its loaded domain and its resolved actions; a context manager.
 
     Attributes:
-        task: The task with its files loaded.
-        grounding: Its function.
         action_space, observations: What the environment takes and gives.
-        rewarded_by: The source of the reward that it declares.
+        rewarded_by: The source of the reward that the task declares.
         on_notice: If set, called with each line that the user should read.
     """
 
@@ -156,8 +152,6 @@ class BoundTask(Closing):
             )
         return env
 
-    # Steps -------------------------------------------------------------------------------------
-
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
         try:
@@ -168,12 +162,7 @@ class BoundTask(Closing):
     def ground(
         self, raw: Any, info: Mapping[str, Any] | None = None, env: gym.Env[Any, Any] | None = None
     ) -> Vector:
-        """Return the state `[F]` of an observation.
-
-        Args:
-            raw: The observation.
-            info: What the environment returned beside it; needed if the grounding takes it.
-            env: The environment, which has just returned it; needed if the grounding takes it.
+        """Return the state `[F]` of an observation, given info and environment if they are needed.
 
         Raises:
             TaskError: The grounding failed, or does not give the value of every fluent.
@@ -193,14 +182,10 @@ class BoundTask(Closing):
     def _grounded(
         self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
     ) -> Any:
-        missing = self.grounding.missing(info, env) if self.grounding.takes else None
-        if missing:
-            raise TaskError(
-                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
-                "it, too"
-            )
         try:
             return self.grounding(raw, info, env)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
         except Exception as error:
             raise TaskError(
                 f"task {self.name}: the grounding failed on {raw}: {raised(error)}"
@@ -250,8 +235,6 @@ class BoundTask(Closing):
         """Close the environment."""
         with self._calling("closing the environment"):
             self.env.close()
-
-    # State across episodes ---------------------------------------------------------------------
 
     def environment_state(self) -> dict[str, Any]:
         """Return what the layers of the environment keep across episodes, as JSON values."""

@@ -27,7 +27,6 @@ from serp.settings import Section
 from serp.tasks.task import Task
 
 Chance = Annotated[float, Field(ge=0, lt=1)]
-"""A probability, at least 0 and below 1."""
 
 
 class WorldOptions(Section):
@@ -73,7 +72,13 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
     Raises:
         DomainError: There is no predicate or function of that name.
     """
-    stated = _stated(domain)
+    stated, problem = {}, domain.problem_syntax
+    if problem is not None:
+        atoms = [" ".join((a.name, *(t.name for t in a.arguments))) for a in problem.true_atoms]
+        stated = {name: f"({name})" for name in atoms}
+        for function, number in problem.values:
+            name = " ".join((function.name, *(t.name for t in function.arguments)))
+            stated[name] = f"(= ({name}) {number.place.text})"
     for name, value in values.items():
         declaration = domain.declared(name)
         if declaration is None:
@@ -94,19 +99,6 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
     return dataclasses.replace(
         domain, problem_source=source, problem_syntax=parse_problem(source, domain.syntax)
     )
-
-
-def _stated(domain: Domain) -> dict[str, str]:
-    """Return name → fact, as text, of what the problem's `:init` states."""
-    problem = domain.problem_syntax
-    if problem is None:
-        return {}
-    atoms = [" ".join((a.name, *(t.name for t in a.arguments))) for a in problem.true_atoms]
-    stated = {name: f"({name})" for name in atoms}
-    for function, number in problem.values:
-        name = " ".join((function.name, *(t.name for t in function.arguments)))
-        stated[name] = f"(= ({name}) {number.place.text})"
-    return stated
 
 
 def _with_init(domain: Domain, init: str) -> Source:
@@ -284,11 +276,8 @@ def file_task(
         DomainError: A file is missing or wrong.
         SettingsError: There is no such option, or it is out of its range.
     """
-    return world_task(
-        domain if isinstance(domain, Domain) else load_domain(domain, problem),
-        WorldOptions(**options),
-        dt,
-    )
+    loaded = domain if isinstance(domain, Domain) else load_domain(domain, problem)
+    return world_task(loaded, WorldOptions(**options), dt)
 
 
 def world_task(domain: Domain, options: WorldOptions, dt: float) -> Task:

@@ -48,12 +48,6 @@ class RemoteTask(Closing):
         """Wait until the environment is made; raise the error if that failed."""
         self._answer("making the environment")
 
-    # Steps -------------------------------------------------------------------------------------
-
-    def begin(self, what: str, argument: int) -> None:
-        """Begin `reset` or `step` without waiting for it."""
-        self._send(what, argument)
-
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
 
@@ -87,22 +81,16 @@ class RemoteTask(Closing):
 
     def close(self) -> None:
         """Close the environment and end its process."""
-        if self._process.is_alive() and self._pending is None:
-            try:
+        try:
+            if self._process.is_alive() and self._pending is None:  # not stuck, busy or dead
                 self._do("close", doing="closing the environment")
-            finally:
-                self._end()
-        else:  # it is stuck, busy or dead
-            self._end()
+        finally:
+            self._pipe.close()
+            self._process.kill()
+            self._process.join()
 
-    def _end(self) -> None:
-        self._pipe.close()
-        self._process.kill()
-        self._process.join()
-
-    # The process -------------------------------------------------------------------------------
-
-    def _send(self, what: str, *arguments: Any) -> None:
+    def begin(self, what: str, *arguments: Any) -> None:
+        """Begin a method, such as `reset` or `step`, without waiting for it."""
         assert self._pending is None, f"{self._pending} was not answered"
         self._pending = what, arguments
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
@@ -110,7 +98,7 @@ class RemoteTask(Closing):
 
     def _do(self, what: str, *arguments: Any, doing: str) -> Any:
         if self._pending is None:
-            self._send(what, *arguments)
+            self.begin(what, *arguments)
         assert self._pending == (what, arguments), f"{self._pending} was begun, not {what}"
         return self._answer(doing)
 

@@ -381,8 +381,6 @@ def _is_deterministic(fit: Regression, columns: Vector, unit: float) -> bool:
     return bool(touched.any()) and bool(exact.mean() >= 0.9)
 
 
-# During a run
-
 _LEAST: Final = 0.25
 """Least fraction of a written value that a bounded estimate keeps. The mean of a rare effect is
 small and never observed itself; a plan with the mean would ignore the effect."""

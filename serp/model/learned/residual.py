@@ -148,8 +148,6 @@ class ResidualRegression:
         columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
         return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
 
-    # Updates of sums and weights
-
     def _update(self, due: int) -> None:
         """Do what is due after the newest sample."""
         if due == RegressionSamples.NOTHING:
@@ -268,8 +266,6 @@ class ResidualRegression:
         features = weights[p.columns :].T
         if kind:
             p.amplitude[kind - 1, owned, : features.shape[1]] = features
-
-    # Saved state
 
     _BOUNDS: Final[Mapping[str, tuple[float | None, float]]] = {
         "seen": (0, MOST), "samples": (0, MOST), "surprises": (0.0, 1.0),

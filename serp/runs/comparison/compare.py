@@ -80,9 +80,6 @@ def read_plan(folder: Path) -> ComparisonPlan | None:
         ) from None
 
 
-# The folder ------------------------------------------------------------------------------------
-
-
 @contextlib.contextmanager
 def locked(folder: Path, mark: str) -> Iterator[None]:
     """Create a folder, unless it has the file `mark` or is empty, and lock it.
@@ -97,9 +94,6 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-# The plan --------------------------------------------------------------------------------------
 
 
 def _planned(

@@ -116,9 +116,6 @@ def _task_measure(name: str) -> Measure:
     return Measure(name, what, meaning, None, "task")
 
 
-# Measures of a trial ---------------------------------------------------------------------------
-
-
 def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
     """Return every measure of a trial.
 
@@ -182,9 +179,6 @@ def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else float("nan")
 
 
-# Statistics ------------------------------------------------------------------------------------
-
-
 class Estimate(NamedTuple):
     """A number with its 95 % interval.
 
@@ -245,9 +239,6 @@ def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
         rng=np.random.default_rng(0),
     ).confidence_interval
     return value, np.minimum(ends.low, value), np.maximum(ends.high, value)
-
-
-# Curves ----------------------------------------------------------------------------------------
 
 
 class Curves(NamedTuple):

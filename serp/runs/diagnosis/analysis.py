@@ -149,9 +149,6 @@ def _missing(
     return tuple(sorted(found, key=lambda f: -f.cost))
 
 
-# Stochastic effects
-
-
 def _stochastic_effects(model: TransitionModel, steps: Steps) -> tuple[StochasticEffect, ...]:
     """Return the action schemas that have other outcomes than in the file."""
     fluents, ground = model.fluents, model.ground
@@ -264,9 +261,6 @@ def _with_cost(model: TransitionModel, steps: Steps, effect: StochasticEffect) -
         for forecast in (steps.predicted[rows], mean)
     )
     return dataclasses.replace(effect, cost=max(0.0, float(error - left) / len(steps.sample)))
-
-
-# Rewards and ends
 
 
 class _Line(NamedTuple):
