@@ -70,7 +70,14 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
             )
     with run.environment() as task:
         arrays, meta = _state(agent, task)
-        about = _about(agent, task)
+    fluents = [(fluent.name, fluent.numeric) for fluent in task.model.fluents]
+    about = {
+        "choice": f"{agent.strategy.choice}, within the vetoes",
+        "fluents": [{"name": name, "kind": "number" if n else "0 or 1"} for name, n in fluents],
+        "observation": [task.observations.name(k) for k in range(task.observation_size)],
+        "actions": [task.actions.name(action) for action in range(task.actions.size)],
+        "ground_actions": task.actions.groups,
+    }
     make_empty(folder)
     for file in run.copies():
         write_durably(folder / file.name, file.read_bytes())
@@ -106,20 +113,6 @@ def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict
     for k, name in enumerate(("observation", "state")):
         arrays[f"grounding.{name}"] = np.array([pairs[place][k] for place in kept])
     return arrays, meta
-
-
-def _about(agent: Agent, task: BoundTask) -> dict[str, Any]:
-    """Return what people and programs read of a policy."""
-    return {
-        "choice": f"{agent.strategy.choice}, within the vetoes",
-        "fluents": [
-            {"name": fluent.name, "kind": "number" if fluent.numeric else "0 or 1"}
-            for fluent in task.model.fluents
-        ],
-        "observation": [task.observations.name(k) for k in range(task.observation_size)],
-        "actions": [task.actions.name(action) for action in range(task.actions.size)],
-        "ground_actions": task.actions.groups,
-    }
 
 
 class Policy:

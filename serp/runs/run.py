@@ -72,12 +72,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
 class Run(Closing):
     """A run on the disk. Only acting in its environment needs the task that it was trained on.
 
-    A context manager, at whose end another process may write the run.
-
-    Args:
-        path: Its folder.
-        task: The task that it was trained on; by default the installed task of its name, or the
-            world of its own files, when it is needed.
+    A context manager, at whose end another process may write the run. See `load_run`.
 
     Attributes:
         path: Its folder.
@@ -106,10 +101,7 @@ class Run(Closing):
         budget: Budget,
         baseline: bool = False,
     ) -> Run:
-        """Begin a run in a new or empty folder, and lock it for writing.
-
-        After a failure, the run can be begun again in the same folder.
-        """
+        """Begin a run in a new or empty folder, also after a failure; lock it for writing."""
         config = RunConfig(
             task=task.name,
             domain=task.domain.name,
@@ -157,10 +149,9 @@ class Run(Closing):
         return f"Run({str(self.path)!r})"
 
     @property
-    def config(self) -> dict[str, Any]:
-        """The resolved configuration."""
-        config: dict[str, Any] = self.metadata["config"]
-        return config
+    def config(self) -> Any:
+        """The resolved configuration, as JSON values by name."""
+        return self.metadata["config"]
 
     @property
     def metrics(self) -> dict[str, NDArray[Any]]:
@@ -238,13 +229,9 @@ class Run(Closing):
             assert made.world is not None
             task = world_task(domain, made.world, made.control_period)
         return dataclasses.replace(
-            task,
-            domain=domain,
-            problem=None,
-            name=made.task,
-            reward=made.reward,
+            task, domain=domain, problem=None, name=made.task, reward=made.reward,
             dt=made.control_period,
-        )
+        )  # fmt: skip
 
     def digests(self) -> dict[str, str]:
         """Return digests of the domain files and of the configuration except the budget."""
@@ -294,11 +281,7 @@ class Run(Closing):
 
     @functools.cached_property
     def agent(self) -> Agent:
-        """The agent as of the checkpoint.
-
-        Raises:
-            RunError: There is no intact checkpoint, or the run's files were changed since.
-        """
+        """The agent as of the checkpoint; see `read_checkpoint`."""
         checkpoint = self.checkpoint
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
@@ -310,13 +293,8 @@ class Run(Closing):
 
     @functools.cached_property
     def adaptation(self) -> ModelAdaptation:
-        """What the checkpoint has learned of the model.
-
-        Raises:
-            RunError: There is no intact checkpoint.
-        """
-        # Nothing is drawn after loading, so any seed will do.
-        unused = np.random.SeedSequence(0)
+        """What the checkpoint has learned of the model; see `read_checkpoint`."""
+        unused = np.random.SeedSequence(0)  # nothing is drawn after loading
         adaptation = ModelAdaptation(self.model, self.made.settings.adaptation, unused)
         adaptation.load_state_dict(*self.saved_agent.part("adaptation"))
         return adaptation
@@ -404,8 +382,7 @@ class Run(Closing):
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes.
-                None of them explores.
+                vetoes. None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.
             record: Record the steps in the run's folder, as `evaluations/<policy>-seed<seed>`.
@@ -428,10 +405,7 @@ class Run(Closing):
             )  # fmt: skip
 
     def recording(self, evaluation: str | None = None) -> Recording:
-        """Return the recorded steps of the training, or of an evaluation.
-
-        Args:
-            evaluation: The name of the evaluation: `<policy>-seed<seed>`.
+        """Return the recorded steps of the training, or of the evaluation `<policy>-seed<seed>`.
 
         Raises:
             RunError: There are none, they are damaged, or of another domain.
@@ -471,10 +445,7 @@ class Run(Closing):
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:
         """Yield the task in a new environment with the running statistics of the training.
 
-        The environment is closed at the end.
-
-        Args:
-            render_mode: One of Gymnasium's render modes, if pictures are needed.
+        `render_mode` is one of Gymnasium's, if pictures are needed.
 
         Raises:
             SerpError: The task cannot be loaded, or does not draw.

@@ -7,6 +7,7 @@ the same choice in this state, see `agreeing_planner`. Where none does, it is le
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
@@ -80,13 +81,7 @@ def _predicted(model: TransitionModel, state: Vector, ground: int) -> dict[str, 
 
 
 def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the states `[n, F]` one step ahead; NaN where the model predicts none.
-
-    Args:
-        model: The model.
-        states: `[n, F]`.
-        actions: `[n]` ground actions; -1 where the model does not know the action.
-    """
+    """Return the states `[n, F]` one step ahead; NaN where there is none, or no action (-1)."""
     found, known = np.full_like(states, np.nan), actions >= 0
     if known.any():
         found[known] = predictions(model, states[known], actions[known])
@@ -96,10 +91,7 @@ def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np
 def error_units(model: TransitionModel, usual: Vector, predicted: Vector) -> Vector:
     """Return the units `[F]` of errors one step ahead; those of predicates are 1.
 
-    Args:
-        model: The model.
-        usual: What each fluent usually changes by in a step (root mean square).
-        predicted: What it is predicted to change by, which counts where it never changes.
+    They are the usual change of each fluent in a step (root mean square), or the predicted one.
     """
     numeric = np.array([fluent.numeric for fluent in model.fluents], np.bool_)
     units = np.where(usual > 0.0, usual, predicted)
@@ -207,12 +199,7 @@ class StepAccount:
 
 
 def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
-    """Return the account of a recorded step.
-
-    Args:
-        run: The run.
-        recording: The recording, of the run or of an evaluation of it.
-        step: Its position in the recording.
+    """Return the account of a step by its position in a recording of the run.
 
     Raises:
         RunError: There is no such step, or its recording is damaged.
@@ -244,7 +231,12 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         names=recording.layout.actions, ground=ground, paths=paths,
         discount=run.made.settings.planner.discount,
     )  # fmt: skip
-    observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
+    observed: list[Cause] = []
+    domain_reward, unsafe = None, stored.unsafe
+    with contextlib.suppress(StateError):
+        own = ground[decision.action]
+        observed, judged = observed_causes(run.model, state, own, stored.next_state)
+        domain_reward, unsafe = judged.reward, judged.unsafe or unsafe
     return StepAccount(
         step=stored,
         time=duration((stored.number - 1) * recording.layout.control_period),
@@ -258,15 +250,6 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         observed=tuple(observed),
         unsafe=unsafe,
     )
-
-
-def _judged(run: Run, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
-    """Return causes, reward and flag of what was observed, by the file as written."""
-    try:
-        causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
-    except StateError:
-        return [], None, step.unsafe
-    return causes, judged.reward, judged.unsafe or step.unsafe
 
 
 _SECONDS: Final = 4.0
@@ -395,9 +378,8 @@ def what_would_differ(account: StepAccount) -> list[str]:
 
 def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
-    line = (
-        f"{each.fluent}: {readable(each.predicted)} predicted, {readable(each.observed)} observed"
-    )
+    line = f"{each.fluent}: {readable(each.predicted)} predicted, "
+    line += f"{readable(each.observed)} observed"
     if not isinstance(each.observed, bool):
         line += f", error: {percent(each.error)} of a typical change"
     if each.learned is not None:

@@ -6,6 +6,7 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -40,16 +41,8 @@ class Callbacks:
         for name, function in (("on_step", on_step), ("on_episode", on_episode)):
             if function is not None and not callable(function):
                 raise SettingsError(f"{name} must be a function of one argument, not {function!r}")
-        self._on_step, self._on_episode = on_step, on_episode
         self.failure: Exception | None = None
-
-    def step(self, record: StepRecord) -> None:
-        """Call `on_step`."""
-        self._call(self._on_step, record)
-
-    def episode(self, row: MetricsRow) -> None:
-        """Call `on_episode`."""
-        self._call(self._on_episode, row)
+        self.step, self.episode = partial(self._call, on_step), partial(self._call, on_episode)
 
     def _call(self, function: Callable[[Any], None] | None, record: Any) -> None:
         if function is not None and self.failure is None:
@@ -85,9 +78,7 @@ class Trainer(Bookkeeping, Closing):
         self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
     ) -> None:
         super().__init__()
-        self.task = task
-        self.settings = settings
-        self.seed = seed
+        self.task, self.settings, self.seed = task, settings, seed
         self.judge = Judge(task, settings)
         try:
             self.agent = Agent(task, settings, seed, baseline=baseline)
