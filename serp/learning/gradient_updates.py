@@ -12,8 +12,7 @@ from serp.errors import LearningFailure
 from serp.learning.replay import ReplayBuffer, type_F32
 from serp.settings import LearnerSettings
 
-_LARGEST_NORM: Final = 10.0
-"""Largest Euclidean norm of the gradient of one network that has a target network."""
+_LARGEST_NORM: Final = 10.0  # of the gradient of one network that has a target network
 
 
 class QLearning(_core.QLearning):

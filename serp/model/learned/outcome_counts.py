@@ -34,10 +34,6 @@ _LEAST: Final = 1e-6
 class OutcomeCounts:
     """Counts the outcomes of the ground actions that share the key of a feature group.
 
-    Args:
-        group: Any feature group of the key.
-        schemas: Number of action schemas.
-
     Attributes:
         table: The counts; None before the first error.
         places: Positions of the counted fluents within the inputs.
@@ -80,8 +76,7 @@ class OutcomeCounts:
 
     def count_again(self) -> None:
         """Forget all counts; keep the outcomes, with "nothing changes" among them."""
-        table = self.table
-        if table is not None:
+        if (table := self.table) is not None:
             self._begin(self.places)
             self.table = table.emptied()
 
@@ -150,11 +145,8 @@ class OutcomeCounts:
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays = {"places": self.places.copy(), "context": self._context.copy()}
-        meta: dict[str, Any] = {
-            "samples": self.samples,
-            "strays": self._strays,
-            "given_up": self._given_up,
-        }
+        counts = {"samples": self.samples, "strays": self._strays}
+        meta: dict[str, Any] = {**counts, "given_up": self._given_up}
         if self.table is not None:
             sizes = {name: getattr(self.table, name) for name in _SIZES}
             arrays |= {k: array.copy() for k, array in _arrays(self.table, **sizes).items()}
@@ -240,13 +232,8 @@ def count_outcomes(
     All outcomes are found first, and then counted, so that it does not matter when each came first.
     States from which one of them may end the episode are not counted, if there are enough others:
     an environment may show something else after an end. As they are left out by the state, and not
-    by what came, there is no bias.
-
-    Args:
-        model: A model that can be compiled, as written.
-        transitions: Observed transitions.
-        counted: `[F]`, which fluents are counted.
-        whole: `[F]`, which functions are whole numbers.
+    by what came, there is no bias. `counted` and `whole` `[F]` are the fluents that are counted,
+    and the functions that are whole numbers.
     """
     adapted = AdaptedModel(model)
     groups = [[_counted(group, counted) for group in groups] for groups in adapted.feature_groups]

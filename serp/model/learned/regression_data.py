@@ -79,8 +79,7 @@ class LiftedModel:
     ) -> Vector:
         """Return the product of the factors in states `[n, F]`, 1 without any, `[n]`.
 
-        `keys` `[n]` are those of the binding of each row; the product is 0 where the scope has no
-        such binding.
+        It is 0 where the scope has no binding of the row's key.
         """
         values = np.zeros(len(states))
         for key in np.unique(keys):

@@ -78,9 +78,8 @@ def regress(
             total = max(float(weights.sum()), 1.0)
             scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), rounding)
         coefficients = _solve(columns, residuals, weights, coefficients, centre, width, scale)
-        if turn > 3 and np.abs(coefficients - before).max(initial=0.0) <= 1e-9 * max(
-            float(np.abs(coefficients).max(initial=0.0)), 1e-300
-        ):
+        moved, size = np.abs(coefficients - before), np.abs(coefficients).max(initial=1e-300)
+        if turn > 3 and moved.max(initial=0.0) <= 1e-9 * size:
             break
     residuals = target - columns @ coefficients
     errors = _standard_errors(columns, residuals, weights, width, scale, blocks)

@@ -34,23 +34,14 @@ GRID: Final = 200
 
 
 class Measure(NamedTuple):
-    """One measure.
-
-    Attributes:
-        name: Its column in `measures.csv`.
-        title: In tables, short.
-        meaning: Its definition, in a sentence or two.
-        better: Which way is better; None where neither is.
-        table: The table of the report that has it.
-        compared: Whether the report has the differences between algorithms.
-    """
+    """One measure: its column in `measures.csv`, its title in tables, its definition."""
 
     name: str
     title: str
     meaning: str
     better: Literal["higher", "lower"] | None
     table: Literal["returns", "safety", "task"]
-    compared: bool = False
+    compared: bool = False  # whether the report has the differences between algorithms
 
 
 # fmt: off
@@ -131,14 +122,13 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
     begins = np.array([0.0, *ends[:-1], env_steps])  # the return of the last episode goes on
     at, worth = evaluation_curve(record)
     grid = np.unique([0.0, *at, env_steps])
+    area = trapezoid(np.interp(grid, at, worth), grid) / env_steps if len(at) else np.nan
     values = {
         "training_area": np.diff(begins) @ returns / env_steps if steps else np.nan,
         "first_50": _mean(returns[:50]),
         "last_20": _mean(returns[-WINDOW:]),
         "threshold_env_steps": _until(ends, returns, threshold),
-        "learner_area": trapezoid(np.interp(grid, at, worth), grid) / env_steps
-        if len(at)
-        else np.nan,
+        "learner_area": area,
         "final_learner": _final(record, "learner").get("return", np.nan),
         "final_policy": final.get("return", np.nan),
         "unsafe": episodes["unsafe_executed"].sum(),
@@ -180,13 +170,7 @@ def _mean(values: NDArray[Any]) -> float:
 
 
 class Estimate(NamedTuple):
-    """A number with its 95 % interval.
-
-    Attributes:
-        value: The statistic of the data; NaN where there are none.
-        low: Lower end; None where a sample has less than two values.
-        high: Upper end; None likewise.
-    """
+    """A number, NaN without data, and its 95 % interval; None of less than two values."""
 
     value: float
     low: float | None
@@ -283,14 +267,12 @@ def evaluation_curves(records: Iterable[Record]) -> Curves:
 
 
 class Results:
-    """Complete trials and their measures.
+    """Complete trials, in the order of algorithms and seeds, and their measures.
 
     Attributes:
-        plan: The plan of the comparison.
-        records: In the order of algorithms and seeds.
         algorithms: Names of the algorithms with a complete trial, in order.
         measured: Trial → name of a measure → value.
-        measures: All measures of this comparison: those that every trial has, then the task's own.
+        measures: Those that every trial has, then the task's own.
     """
 
     def __init__(self, records: Iterable[Record], plan: ComparisonPlan) -> None:

@@ -116,11 +116,7 @@ class Job:
         return self.protocol.env_steps in read_evaluations(self.folder).get("env_steps", ())
 
     def refuse_changes(self) -> None:
-        """Check that the run in the folder was made from the same settings and domain file.
-
-        Raises:
-            RunError: It was not.
-        """
+        """Raise a RunError if the run in the folder has other settings or another domain file."""
         run = Run(self.folder)
         domain = self.task.load()
         copies = [file.read_text("utf-8") for file in run.copies()]
@@ -149,9 +145,7 @@ def file_name(name: str) -> str:
 def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
     """Train and evaluate into the job's folder, or go on with the run that is there.
 
-    Args:
-        job: The trial.
-        stopped: Whether to stop; asked after every episode.
+    After every episode, `stopped` says whether to stop.
 
     Raises:
         Interrupted: It was stopped; a trial of serp's algorithms can be continued.
@@ -208,11 +202,8 @@ class ExternalEnv(Bookkeeping, TaskEnv):
     """A task as a Gymnasium environment for a learner that trains itself.
 
     Episodes begin with the same seeds as in serp's training, whatever is given to `reset`. Nothing
-    is refused; the agent forecasts steps to count unsafe ones.
-
-    Attributes:
-        budget: Env steps after which no more is made; None for no limit.
-        on_step: Called with every env step.
+    is refused; the agent forecasts steps to count unsafe ones. No more than `budget` steps are
+    made; `on_step` is called with each.
     """
 
     def __init__(
@@ -221,8 +212,7 @@ class ExternalEnv(Bookkeeping, TaskEnv):
         Bookkeeping.__init__(self)
         TaskEnv.__init__(self, task, agent)
         self.budget: int | None = None
-        self.on_step = on_step
-        self._seed = seed
+        self._seed, self.on_step = seed, on_step
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode of serp's training."""
@@ -410,11 +400,7 @@ def _counted(info: dict[str, Any], name: str) -> float:
 
 
 def read_evaluations(folder: Path) -> Columns:
-    """Return the evaluations in the folder of a trial: numbers, NaN for an empty cell, and texts.
-
-    Raises:
-        RunError: The file is damaged.
-    """
+    """Return the evaluations of a trial: numbers, NaN for an empty cell, and texts."""
     file = folder / EVALUATIONS
     if not file.is_file():
         return {}
@@ -441,7 +427,6 @@ class Record:
     """The record of a complete trial.
 
     Attributes:
-        trial: The trial.
         episodes: The columns of `metrics.csv` of the episodes that ended within the budget.
         evaluations: The columns of `evaluations.csv`, with `info.<name>` for each counter of the
             environment's info that the task declares (`Task.counters`).
@@ -455,11 +440,7 @@ class Record:
 
 
 def read_trial(job: Job) -> Record:
-    """Return a complete trial.
-
-    Raises:
-        RunError: A file of it is damaged, or evaluations are missing.
-    """
+    """Return a complete trial; a RunError if a file is damaged, or evaluations are missing."""
     run, protocol = Run(job.folder), job.protocol
     metrics = run.metrics
     within = metrics["env_steps"] <= protocol.env_steps

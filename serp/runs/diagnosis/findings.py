@@ -52,15 +52,9 @@ class _OfFluent:
 
 @dataclass(frozen=True)
 class ParameterFinding(_OfFluent):
-    """An estimate of a number that the file writes in an effect or a rate.
+    """An estimate of a number that the file writes in an effect or a rate of a schema.
 
-    Attributes:
-        parameter: The number, with its place.
-        schema: Name of the action or process schema that contains it.
-        fluent: Symbol of the function that the effect changes.
-        written: Its value in the file.
-        estimate: Its value estimated from the transitions.
-        error: Standard error of the estimate.
+    `fluent` is the function that it changes, `error` the standard error of the estimate.
     """
 
     parameter: Parameter
@@ -130,8 +124,7 @@ class ObservedOutcome:
 
     Attributes:
         changes: (name of the fluent, its change); `()` where nothing changes.
-        probability: Its probability, 0 to 1.
-        error: Standard error of the probability.
+        probability, error: Its probability, 0 to 1, and the standard error.
         written: Whether it is the effect in the file.
         like: Name of the action schema whose effect in the file it is, with its conditions, such as
             walls; empty for a change.
