@@ -81,9 +81,6 @@ def assigned(texts: Iterable[str]) -> Changes:
     """Return section → setting → value of `section.name=value` texts; see `setting_value`.
 
     Whether section and setting exist is for `Settings` to say.
-
-    Raises:
-        SettingsError: A text has another form, or a setting is given twice.
     """
     changes: dict[str, dict[str, Any]] = {}
     for text in texts:

@@ -24,10 +24,7 @@ from serp.errors import RunError, SerpError
 
 
 class Closing:
-    """A context manager that calls `close` on exit; a subclass defines `close`.
-
-    An error of `close` never hides an error of the body.
-    """
+    """A context manager that calls `close` on exit, whose error never hides one of the body."""
 
     def close(self) -> None:
         """Release what is held; a second call does nothing."""

@@ -52,10 +52,7 @@ def find(
 
 @contextmanager
 def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
-    """Raise a `failure` for anything that loading or calling an entry point raises.
-
-    A `SerpError` is raised unchanged. `what` is the kind of implementation, such as `task`.
-    """
+    """Raise a `failure` for anything but a `SerpError` that loading an entry point raises."""
     try:
         yield
     except SerpError:

@@ -261,10 +261,7 @@ def _real(low: float, high: float) -> _Check:
 
 
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
-    """Return the saved state of a random generator in the form that its setter takes.
-
-    A ValueError says that it is not the state of such a generator, which is not changed.
-    """
+    """Return the saved state of a generator in the form that its setter takes, or a ValueError."""
     state: Mapping[str, Any] = _like(saved, generator.bit_generator.state, "")
     return state
 

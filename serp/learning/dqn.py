@@ -150,11 +150,7 @@ class DQN:
         return self.pretrain(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int) -> float | None:
-        """Do gradient updates on the samples so far (Algorithm 1, line 1); return their mean loss.
-
-        Raises:
-            LearningFailure: The loss is not finite.
-        """
+        """Do gradient updates on the samples so far (Algorithm 1, line 1); see `learn`."""
         if updates <= 0 or not self.replay.size:
             return None
         given = self.replay, self.imitation_weight, self.env_steps
@@ -188,12 +184,7 @@ class DQN:
     def load_state_dict(
         self, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
     ) -> None:
-        """Continue, bit for bit, from what `state_dict` returned.
-
-        Raises:
-            RunError: The state belongs to a learner of another shape, or is incomplete; this
-                learner is unchanged.
-        """
+        """Continue, bit for bit, from what `state_dict` returned; a RunError changes nothing."""
         saved, learning = Saved("learner", arrays, meta), self.learning
         trained = learning.arrays()
         for name, array in trained.items():

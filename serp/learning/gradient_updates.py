@@ -20,9 +20,7 @@ class QLearning(_core.QLearning):
 
     The computation is compiled: `network.cpp` and `gradient_updates.cpp`. All members' parameters
     are one float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps`
-    is the number of gradient updates.
-
-    Determinism: equal parameters and inputs give equal bits on one kind of machine.
+    is the number of gradient updates. Equal numbers give equal bits on one kind of machine.
     """
 
     def __init__(

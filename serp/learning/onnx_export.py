@@ -18,10 +18,7 @@ def network_as_onnx(network: _core.QNetwork) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
     Q is the mean over members, as of `QNetwork.q`, to float32 accuracy: sums are added in another
-    order.
-
-    Raises:
-        MissingExtra: onnx is not installed.
+    order. Without onnx, `MissingExtra` is raised.
     """
     with needs_extra("export", "the export of a network"):
         import onnx

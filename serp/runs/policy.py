@@ -182,9 +182,7 @@ class Policy:
     def check_grounding(self, ground: Grounding, tolerance: float = 1e-6) -> int:
         """Compare a grounding with recorded pairs of observation and state; return their number.
 
-        Args:
-            ground: As in `Policy`.
-            tolerance: Largest difference of a number, absolute and relative.
+        `tolerance` is the largest difference of a number, absolute and relative.
 
         Raises:
             RunError: It gives another state; the message names the first fluent.

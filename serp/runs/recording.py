@@ -147,11 +147,7 @@ class Layout(BaseModel):
 
     @classmethod
     def read(cls, folder: Path) -> Layout:
-        """Read the header of a recording.
-
-        Raises:
-            RunError: It is missing, damaged, or that of another version.
-        """
+        """Read the header of a recording; a RunError if it is missing, damaged, or too old."""
         file = folder / HEADER
         try:
             found = cls.model_validate_json(json.dumps(read_json(file, _AGAIN)))
@@ -202,11 +198,7 @@ def encode(columns: Columns) -> bytes:
 
 
 def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Columns:
-    """Read columns of a block.
-
-    Raises:
-        RunError: The file is missing or not what `encode` wrote for this layout.
-    """
+    """Read columns of a block; a RunError unless they are what `encode` wrote for this layout."""
     found: Columns = {}
     try:
         data = io.BytesIO(read_regular(file, 1 << 28, _AGAIN))
@@ -309,10 +301,7 @@ class Recording:
         return found
 
     def columns(self, *names: str, newest: int | None = None) -> Columns:
-        """Return columns of all steps, or of the newest: name → `[N, ...]`.
-
-        docs/reference/run-folder.md has all names.
-        """
+        """Return columns (docs/reference/run-folder.md) of all or the newest steps, `[N, ...]`."""
         first = 0 if newest is None else max(0, len(self) - newest)
         begin = first // self.layout.block
         parts = [self._read_block(number, names) for number in range(begin, len(self._files))]
@@ -394,11 +383,7 @@ def vetoed(columns: Columns) -> NDArray[np.bool_]:
 
 
 def open_recording(run: Path, evaluation: str | None = None) -> Recording:
-    """Open the recording in the folder of a run, or of an evaluation such as `serp-seed0`.
-
-    Raises:
-        RunError: There is none.
-    """
+    """Open the recording in the folder of a run, or of an evaluation such as `serp-seed0`."""
     if evaluation is not None:
         found = evaluations_of(run)
         if evaluation not in found:

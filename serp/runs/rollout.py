@@ -91,23 +91,18 @@ class Rollout:
 
 
 class RolloutEnv:
-    """One of the environments of a training, and the episode that runs in it.
+    """One of the environments of a training, by its index, and the episode that runs in it.
 
     Attributes:
-        index, task: Its index, from 0, and the task with this environment.
-        seed: The environment's seed in the episode.
-        episode: Number of the episode, from 0, in the order in which episodes begin.
+        episode, seed: Number, from 0, in the order in which episodes begin; seed of its reset.
         random: Whether the episode is a part of the initial data D₀.
-        rollout: The episode; None until its reset is done.
-        decision: The decision that is executed next; None before the first one.
-        losses: Losses of the learner after steps of the episode.
     """
 
     def __init__(self, index: int, task: BoundTask | RemoteTask) -> None:
         self.index, self.task = index, task
         self.episode, self.seed, self.random = 0, 0, False
-        self.rollout: Rollout | None = None
-        self.decision: Decision | None = None
+        self.rollout: Rollout | None = None  # until its reset is done
+        self.decision: Decision | None = None  # that is executed next
         self.losses: list[float] = []
 
     def begin(self, episode: int, seed: int, *, random: bool) -> None:

@@ -159,11 +159,7 @@ class Run(Closing):
         return read_metrics(self.table(METRICS, self.checkpoint if self.has_checkpoint else None))
 
     def table(self, name: str, checkpoint: Checkpoint | None) -> Path:
-        """Return the path of a table of the run.
-
-        Raises:
-            RunError: It is not what the run had written when it saved the checkpoint.
-        """
+        """Return the path of a table, which is as the run had written it at the checkpoint."""
         path, saved = self.path / name, Saved("run", *(checkpoint or ({}, {})))
         if saved.has("tables"):  # an exported policy has none
             written = Saved(name, *Saved("tables", *saved.part("tables")).part(name))
@@ -177,11 +173,7 @@ class Run(Closing):
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The content of `summary.json`.
-
-        Raises:
-            RunError: The run has not ended yet.
-        """
+        """The content of `summary.json`; a RunError if the run has not ended yet."""
         return read_json(self.path / SUMMARY, "It is written when the run ends.")
 
     def copies(self) -> list[Path]:
@@ -197,12 +189,7 @@ class Run(Closing):
 
     @functools.cached_property
     def domain(self) -> Domain:
-        """The run's copy of the domain.
-
-        Raises:
-            RunError: It was changed since the run began.
-            DomainError: It is damaged.
-        """
+        """The run's copy of the domain; a RunError or DomainError if it was changed since."""
         _ = self.has_checkpoint and self.checkpoint  # refuses changes
         return self._parsed()
 
@@ -213,12 +200,7 @@ class Run(Closing):
 
     @functools.cached_property
     def task(self) -> Task:
-        """The task, with the domain, control period and reward as the run has them.
-
-        Raises:
-            RunError: The given task is another one.
-            TaskError: It is not installed.
-        """
+        """The task, with the domain, control period and reward as the run has them."""
         made, task = self.made, self._task
         if task is not None and task.name not in (None, made.task):
             raise RunError(f"{self.path} is a run of task {made.task}, not of {task.name}")
@@ -250,8 +232,7 @@ class Run(Closing):
         """Read the checkpoint.
 
         Raises:
-            RunError: There is none, it is damaged, or a domain file or the configuration is another
-                than the training began with.
+            RunError: There is none, it is damaged, or file or configuration were changed since.
         """
         checkpoint = load(self.path / CHECKPOINT)
         _, before = Saved("run", {}, checkpoint.meta).part("made_of")

@@ -36,23 +36,14 @@ from serp.tasks.action_map import ActionForecast, ActionMap
 
 @dataclass(frozen=True)
 class PredictedFluent:
-    """One fluent, predicted one step ahead, and observed.
-
-    Attributes:
-        fluent: Its name.
-        before: Its value before the step.
-        predicted: What the file as written predicts; None where it predicts nothing.
-        observed: Its value after the step.
-        error: Size of the error in the units of `error_units`; 0 where nothing is predicted.
-        learned: What the model of the newest checkpoint predicts, where that is something else.
-    """
+    """One fluent, predicted one step ahead, and observed."""
 
     fluent: str
     before: float | bool
-    predicted: float | bool | None
+    predicted: float | bool | None  # by the file as written, if it predicts anything
     observed: float | bool
-    error: float
-    learned: float | bool | None = None
+    error: float  # in the units of `error_units`; 0 where nothing is predicted
+    learned: float | bool | None = None  # by the newest checkpoint, where that is something else
 
 
 def predictions_of(run: Run, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
@@ -108,11 +99,8 @@ def in_units(differences: Vector, units: Vector) -> Vector:
 def most_telling(recording: Recording) -> tuple[int, str]:
     """Return the step of the newest veto, and why it is shown.
 
-    Without a veto it is the newest unsafe step, else the last one. A veto for harm, risk or reward
-    tells more than one of a proposal that is not applicable.
-
-    Raises:
-        RunError: There is no step yet.
+    Without a veto it is the newest unsafe step, else the last one; without any, a RunError. A veto
+    for harm, risk or reward tells more than one of a proposal that is not applicable.
     """
     columns = recording.columns(*VETO_COLUMNS, "unsafe")
     refused = vetoed(columns)
@@ -134,20 +122,18 @@ class StepAccount:
     """The account of a recorded step.
 
     Attributes:
-        step: The step, with its decision.
         time: Time since the episode began, such as `3 min 12 s`.
         account: Alternatives with the recorded values, causes and runner-up.
         was_planned: Whether the planner planned. If not, it only checked which actions are safe,
             and the forecast of the step is that of `ahead_by`.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
-        other_choices: Changes of one fluent with which the planner chooses another action.
-        other_vetoes: Changes of one fluent with which the proposal would not have been refused.
+        other_choices, other_vetoes: Changes of one fluent with which the planner chooses another
+            action, or with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
         domain_reward: The reward that the file as written gives for what was observed; None where
             the next state is unknown, or the file cannot judge it.
         observed: What of the file is behind that, and behind an unsafe step or an end.
-        unsafe: Whether what was observed is unsafe by the file.
     """
 
     step: StoredStep
@@ -199,11 +185,7 @@ class StepAccount:
 
 
 def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
-    """Return the account of a step by its position in a recording of the run.
-
-    Raises:
-        RunError: There is no such step, or its recording is damaged.
-    """
+    """Return the account of a step by its position in a recording of the run, or a RunError."""
     stored = recording.step(step)
     decision, state = stored.decision, stored.state
     ground: list[int] = decision.forecast.ground.tolist()

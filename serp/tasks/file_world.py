@@ -65,12 +65,8 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
     All else in the problem stays as it is. Where there is no problem, or no `:init` in it, numbers
     begin at 0 and predicates as false, unless values are given.
 
-    Args:
-        domain: Domain, with or without a problem.
-        values: Name of a ground predicate or function → its value at the start.
-
     Raises:
-        DomainError: There is no predicate or function of that name.
+        DomainError: There is no predicate or function of such a name.
     """
     stated, problem = {}, domain.problem_syntax
     if problem is not None:
@@ -116,19 +112,12 @@ def _with_init(domain: Domain, init: str) -> Source:
 
 
 class Happened(NamedTuple):
-    """What took place in a step of a world.
+    """What took place in a step of a world."""
 
-    Attributes:
-        action: Position of the ground action that was carried out; -1 for none.
-        outcome: The outcome of the action, from 0; see `GroundSchema.outcomes`.
-        flags: The flags of the step.
-        passages: Returns the effects, rates and events that took part, in order.
-    """
-
-    action: int
-    outcome: int
+    action: int  # position of the ground action that was carried out; -1 for none
+    outcome: int  # of the action, from 0; see `GroundSchema.outcomes`
     flags: int
-    passages: Callable[[], list[Passage]]
+    passages: Callable[[], list[Passage]]  # effects, rates and events that took part, in order
 
 
 class FileWorld(gym.Env[Vector, int]):

@@ -21,11 +21,7 @@ FAR = 1e9
 class Grounding:
     """The grounding function of a task, called with what its parameters name.
 
-    Attributes:
-        takes: Which of `info` and `env` the function takes beside the observation.
-
-    Raises:
-        TaskError: The function cannot be called with an observation and these.
+    It takes an observation, and beside it those of `info` and `env` that are in `takes`.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -50,11 +46,7 @@ class Grounding:
         info: Mapping[str, Any] | None = None,
         env: gym.Env[Any, Any] | None = None,
     ) -> Any:
-        """Return what the function returns for an observation and what came with it.
-
-        Raises:
-            TaskError: What the function takes is not given.
-        """
+        """Return what the function returns for an observation and what came with it."""
         if not self.takes:
             return self._function(observation)
         beside = {"info": info, "env": env}

@@ -59,11 +59,7 @@ def _made_task(name: str) -> Task:
 
 
 def custom_function(name: str, option: str) -> Callable[..., Any]:
-    """Return the function that `FILE.py:FUNCTION` or `MODULE:FUNCTION` names.
-
-    Raises:
-        TaskError: There is no such file, module or function.
-    """
+    """Return the function that `FILE.py:FUNCTION` or `MODULE:FUNCTION` names, or a TaskError."""
     module, attribute = _named(name, option, "FILE.py:FUNCTION or MODULE:FUNCTION")
     if not attribute:
         raise TaskError(f"{option}: name the function, {name}:FUNCTION")

@@ -24,10 +24,7 @@ class RemoteTask(Closing):
 
     The process checks, copies and grounds what the environment returns, as `BoundTask` does.
     Gymnasium's `AsyncVectorEnv` joins the answers of all environments, and has one seed for all.
-
-    Args:
-        task: The task; its own environment is not used.
-        number: Number of this environment, from 1, for messages.
+    Messages have the number of the environment, from 1.
     """
 
     def __init__(self, task: BoundTask, number: int) -> None:
@@ -49,12 +46,7 @@ class RemoteTask(Closing):
         self._answer("making the environment")
 
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
-
-        Raises:
-            EnvironmentFailure: The environment raised, or its process died.
-            TaskError: The grounding failed.
-        """
+        """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`."""
         answer: tuple[Any, dict[str, Any]]
         answer, self._perceived = self._do("reset", seed, doing="reset")
         return answer

@@ -58,11 +58,7 @@ class ActionSpace:
         return places.reshape(self.space.shape) + getattr(self.space, "start", 0)
 
     def number(self, action: Any) -> Any:
-        """Return the number of an action that is given as a sequence of numbers from 0.
-
-        Raises:
-            ValueError: The space has no such combination.
-        """
+        """Return the number of an action, also of one that is a sequence of numbers from 0."""
         if self._shape is None or not isinstance(action, Sequence | np.ndarray):
             return action  # a number already
         try:
@@ -73,11 +69,7 @@ class ActionSpace:
 
 
 class Observations:
-    """The observations of a space, as flat vectors of length `size`.
-
-    Raises:
-        ValueError: Observations of the space are not vectors.
-    """
+    """The observations of a space, as flat vectors of length `size`; else a ValueError."""
 
     def __init__(self, space: Any) -> None:
         sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}

@@ -37,10 +37,7 @@ class Judged(NamedTuple):
 class Judge:
     """Judges the observed steps of a task; the setting `training.reward` chooses the reward.
 
-    Args:
-        task: The task.
-        settings: All settings; None where nothing is learned from the steps: the reward is then the
-            environment's.
+    Without settings nothing is learned from the steps: the reward is the environment's.
 
     Raises:
         SettingsError: The domain's rewards are to be learned from, but it gives none.

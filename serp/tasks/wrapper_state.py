@@ -34,11 +34,7 @@ def save(env: gym.Env[Any, Any]) -> dict[str, Any]:
 def restore(
     env: gym.Env[Any, Any], saved: Mapping[str, Any], *, statistics_only: bool = False
 ) -> None:
-    """Restore what `save` returned, or only the running statistics in it.
-
-    Raises:
-        ValueError: The environment has other layers than the saved one.
-    """
+    """Restore what `save` returned, or only the running statistics; a ValueError if unlike."""
     if not statistics_only:
         own = [layer for layer in _layers_of(env) if _saves_itself(layer)]
         if len(own) != len(saved["own"]):

@@ -320,7 +320,7 @@ class ModelAdaptation:
 def _alike_actions(model: AdaptedModel) -> list[NDArray[np.int64] | int]:
     """Return, for each ground action, those with which it shares all that is learned.
 
-    It is a number where there is only the action itself: an array of one takes ten times as long.
+    A number stands for the action alone: an array of one takes ten times as long.
     """
     keys = [
         (action.schema, *(group.key for group in groups))

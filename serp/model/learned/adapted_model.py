@@ -76,10 +76,9 @@ class AdaptedModel(TransitionModel):
         return not self.core.active
 
     def uncertainty(self, state: Vector) -> Vector:
-        """Return how far the step of each action `[A]` is from the data.
+        """Return how far the step of each action `[A]` is from the data: about 1 / (like samples).
 
-        It is about 1 over the number of samples like this one, 1 where there are none, and 0 where
-        the file alone predicts.
+        1 where there are none, and 0 where the file alone predicts.
         """
         return self.core.uncertainty(state)
 
@@ -141,10 +140,7 @@ def _flagging(ground: g.GroundModel) -> bool:
 def _parameters_of(
     groups: Sequence[Sequence[FeatureGroup]],
 ) -> tuple[dict[Key, _core.Regression], dict[Key, _core.GroupParameters]]:
-    """Return the regressions of keys without the schema, and what groups of each key share.
-
-    A regression has a head for each schema.
-    """
+    """Return the regressions of keys without the schema, one head each, and what groups share."""
     keys = {group.key: group for of_action in groups for group in of_action}
     heads: dict[Key, list[FeatureGroup]] = {}
     for key, group in keys.items():
@@ -162,10 +158,7 @@ def _parameters_of(
 
 
 def same_arguments(actions: Sequence[g.GroundSchema]) -> NDArray[np.int64]:
-    """Return `[A, S]` the ground action of each schema with the same arguments.
-
-    It is -1 where there is none, and for the action itself.
-    """
+    """Return `[A, S]` the other ground action of each schema with the same arguments; -1: none."""
     schemas = {name: k for k, name in enumerate(dict.fromkeys(a.schema for a in actions))}
     alike: dict[tuple[str, ...], list[int]] = {}
     for k, action in enumerate(actions):

@@ -34,10 +34,7 @@ _LEAST: Final = 1e-6
 class OutcomeCounts:
     """Counts the outcomes of the ground actions that share the key of a feature group.
 
-    Attributes:
-        table: The counts; None before the first error.
-        places: Positions of the counted fluents within the inputs.
-        samples: Number of samples since counting began.
+    `places` are the positions of the counted fluents within the inputs.
     """
 
     def __init__(self, group: FeatureGroup, schemas: int) -> None:

@@ -99,18 +99,13 @@ def _with_change(
 
 @dataclass(frozen=True)
 class ParameterDependency:
-    """The direct dependencies on one parameter.
-
-    `schema` contains it, and its effect changes the `fluents`, columns of the function `symbol`.
-    `actions` are the positions of the ground actions whose effects contain it; None for a process,
-    which acts under every action.
-    """
+    """The direct dependencies on one parameter of a schema."""
 
     parameter: g.Parameter
     schema: str
-    symbol: str
-    fluents: frozenset[int]
-    actions: frozenset[int] | None
+    symbol: str  # the function that its effect changes
+    fluents: frozenset[int]  # columns of that function
+    actions: frozenset[int] | None  # positions of ground actions; None for a process
 
 
 def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:

@@ -49,17 +49,11 @@ def regress(
     unit: float,
     reject: bool = True,
 ) -> Regression:
-    """Fit `target ≈ columns @ coefficients`.
+    """Fit `target ≈ columns @ coefficients`, `[n]` and `[n, K]`; `unit` is the target's range.
 
-    Args:
-        columns: `[n, K]`.
-        target: `[n]`.
-        centre: `[K]` mean of the prior.
-        width: `[K]` its standard deviation.
-        groups: `[n]` equal for rows whose errors have the same scale.
-        blocks: `[n]` equal for rows whose errors are correlated.
-        unit: Range of the target's quantity.
-        reject: Whether outliers are rejected, and not only down-weighted.
+    The prior has mean `centre` and standard deviation `width`, `[K]` each. Rows with an equal group
+    `[n]` have errors of the same scale, those with an equal block `[n]` correlated ones. Outliers
+    are down-weighted and, with `reject`, then rejected.
     """
     number = len(columns)
     weights = np.ones(number)

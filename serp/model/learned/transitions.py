@@ -45,10 +45,7 @@ class TransitionMemory:
     def add(
         self, state: Vector, action: int, next_state: Vector, over: bool, reward: float = 0.0
     ) -> None:
-        """Add one env step; `over` is whether the environment ended the task with it.
-
-        States are `[F]`; the action is the executed ground one, −1 where the model knows none.
-        """
+        """Add an env step: states `[F]`, the executed ground action, −1 where none is known."""
         row = state, action, next_state, over, reward
         for part, value in zip(self._ring.values(), row, strict=True):
             part[self.seen % self._capacity] = value

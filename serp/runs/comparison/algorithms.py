@@ -46,15 +46,10 @@ BASELINE: Final = "baseline="
 
 @dataclass(frozen=True)
 class Algorithm:
-    """One algorithm.
+    """One algorithm, with the preset of its settings and its changes to that.
 
-    Attributes:
-        kind: `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and
-            veto. `planner`: the planner without a learner. `external`: of another library.
-        preset, changes: The preset of its settings, and its changes to that.
-        domain: Name of its domain file; empty for the task's own.
-        make_external: Makes an external algorithm; None for others.
-        advise: A controller of the user's, which acts in place of the planner; None for others.
+    `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and veto.
+    `planner`: the planner without a learner. `external`: of another library.
     """
 
     name: str
@@ -62,9 +57,9 @@ class Algorithm:
     kind: Literal["guided", "baseline", "planner", "external"]
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
-    domain: str = ""
+    domain: str = ""  # name of its domain file; empty for the task's own
     make_external: MakeExternalAlgorithm | None = None
-    advise: Advise | None = None
+    advise: Advise | None = None  # a controller of the user's, in place of the planner
 
     def changed(self, name: str, changes: Changes) -> Algorithm:
         """Return the algorithm with some settings changed, under a new name."""
@@ -131,16 +126,11 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name.
+    """Return the algorithm of a name, or raise a SettingsError or a TaskError.
 
     `serp:learner.members=1` is `serp` with a setting changed; several changes are separated by
     semicolons. `serp@cartpole-reversed` is `serp` with another domain file.
     `baseline=FILE.py:FUNCTION` is a controller of the user's, a function as in `Task.planners`.
-
-    Raises:
-        SettingsError: There is no such algorithm, it uses no domain file, or a change has another
-            form.
-        TaskError: There is no such controller.
     """
     if name.startswith(BASELINE):
         advise = custom_function(name.removeprefix(BASELINE), f"--{name}")

@@ -314,8 +314,7 @@ def _train_external(
 class _Evaluations:
     """Evaluates a learner, always on the same episodes, and keeps the rows in the run folder.
 
-    Attributes:
-        due: Numbers of env steps at which there is no evaluation yet.
+    `due` are the numbers of env steps at which there is no evaluation yet.
     """
 
     def __init__(self, job: Job, agent: Agent, trained_in: BoundTask, arena: BoundTask) -> None:

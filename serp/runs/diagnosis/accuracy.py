@@ -168,27 +168,19 @@ def symbols_of(model: TransitionModel) -> NDArray[np.str_]:
 class Quantity:
     """The accuracy of the predictions for the fluents of one symbol, the reward or the end.
 
-    Attributes:
-        name, shown: The symbol, `reward` or `terminal`; and how it is written: `(battery)`.
-        numeric: False for predicates and the end.
-        steps: Transitions compared.
-        change: Root mean square of the change in a step; for a predicate or an end the number of
-            changes. A reward and an end count as changes.
-        squared: Squared error of the file as written, in units of the squared change.
-        squared_left: The same of the file patched with the findings worth mentioning.
-        squared_chance: The part of `squared_left` expected from the stochastic effects found.
-        action: The ground action after which the error of the file is largest.
+    Its change is the root mean square of that in a step; for a predicate or an end the number of
+    changes. A reward and an end count as changes. Squared errors are in units of its square.
     """
 
-    name: str
-    shown: str
-    numeric: bool
-    steps: int
+    name: str  # the symbol, `reward` or `terminal`
+    shown: str  # how it is written: `(battery)`
+    numeric: bool  # False for predicates and the end
+    steps: int  # transitions compared
     change: float
-    squared: float
-    squared_left: float
-    squared_chance: float
-    action: str
+    squared: float  # error of the file as written
+    squared_left: float  # of the file patched with the findings worth mentioning
+    squared_chance: float  # the part of it expected from the stochastic effects found
+    action: str  # the ground action after which the error of the file is largest
 
     @property
     def error(self) -> float:

@@ -87,11 +87,7 @@ class Diagnosis:
 
     @property
     def unexplained(self) -> list[str]:
-        """A sentence for each quantity that the findings do not explain, the worst first.
-
-        A quantity is explained if the patched file predicts it to within 10 % of its change, apart
-        from the expected error of the stochastic effects found.
-        """
+        """A sentence for each quantity that the findings do not explain, the worst first."""
         rest = sorted(self.quantities, key=lambda q: -q.unexplained)
         return [_unexplained(quantity) for quantity in rest if quantity.unexplained > WELL]
 
