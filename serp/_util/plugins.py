@@ -6,7 +6,7 @@ import functools
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Final
@@ -50,18 +50,20 @@ def find(
     return entries[name]
 
 
-@contextmanager
-def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
+def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> AbstractContextManager[None]:
     """Raise a `failure` for anything but a `SerpError` that loading an entry point raises."""
+    return blaming(f"{what} `{entry.name}` ({entry.value}) cannot be loaded", failure)
+
+
+@contextmanager
+def blaming(what: str, failure: type[SerpError]) -> Iterator[None]:
+    """Raise a `failure` that begins with `what` for anything but a `SerpError` in the body."""
     try:
         yield
     except SerpError:
         raise
     except Exception as error:
-        raise failure(
-            f"{what} `{entry.name}` ({entry.value}) cannot be loaded: "
-            f"{type(error).__name__}: {error}"
-        ) from error
+        raise failure(f"{what}: {type(error).__name__}: {error}") from error
 
 
 _SERP: Final = str(Path(__file__).parents[1])

@@ -11,7 +11,7 @@ import copy
 import reprlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -30,14 +30,9 @@ _MOST_OF_GENERATORS: Final = {
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-class _Check(NamedTuple):
-    """A check of a JSON value, and what passes it, for messages."""
-
-    fits: Callable[[Any], bool]
-    expected: str
-
-
-_TRUTH: Final = _Check(lambda value: isinstance(value, bool), "true or false")
+_Check = tuple[Callable[[Any], bool], str]
+"""A check of a JSON value, and what passes it, for messages."""
+_TRUTH: Final[_Check] = (lambda value: isinstance(value, bool), "true or false")
 
 
 def nested(part: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
@@ -158,8 +153,9 @@ class Saved:
         return [self._checked(name, value, check) for value in values]
 
     def _checked(self, name: str, value: Any, check: _Check) -> Any:
-        if not check.fits(value):
-            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {check.expected}")
+        fits, expected = check
+        if not fits(value):
+            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {expected}")
         return value
 
 
@@ -247,17 +243,14 @@ def whole_within(value: Any, low: int, high: int) -> bool:
 
 
 def _whole(low: int, high: int) -> _Check:
-    return _Check(
-        lambda value: whole_within(value, low, high), f"a whole number from {low} to {high}"
-    )
+    return lambda value: whole_within(value, low, high), f"a whole number from {low} to {high}"
 
 
 def _real(low: float, high: float) -> _Check:
-    # Python compares large whole numbers exactly.
-    return _Check(
-        lambda value: type(value) in (int, float) and low <= value <= high,
-        f"a number from {low:g} to {high:g}",
-    )
+    def fits(value: Any) -> bool:
+        return type(value) in (int, float) and low <= value <= high  # exact for large whole ones
+
+    return fits, f"a number from {low:g} to {high:g}"
 
 
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:

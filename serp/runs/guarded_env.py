@@ -115,13 +115,9 @@ class ArbitratedEnv(TaskEnv):
     """A task whose actions are proposals: planner, strategy and vetoes decide what is executed.
 
     The strategy is asked before the action is known, and an action counts only if it is the
-    learner's turn. So a strategy that looks at the learner's values cannot be used.
-
-    Args:
-        task: The task.
-        agent: Planner, strategy and arbiter.
-        seed: Seed of the first sequence of episodes; `reset(seed=s)` begins that of s.
-        derive: (seed, number of the episode from 0) → seed of the task's environment.
+    learner's turn. So a strategy that looks at the learner's values cannot be used. `seed` is that
+    of the first sequence of episodes; `reset(seed=s)` begins that of s. `derive` returns the seed
+    of the task's environment for one of these and the number of the episode, from 0.
     """
 
     def __init__(

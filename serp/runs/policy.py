@@ -35,8 +35,7 @@ from serp.tasks.task import Task
 
 NETWORK: Final = "learner.onnx"
 """The network for other programs; written where onnx is installed (extra `export`)."""
-_STEPS, _PAIRS = 1_000, 32
-"""Steps of an episode that is played before the export, and pairs recorded of them."""
+_STEPS, _PAIRS = 1_000, 32  # of an episode that is played before; those recorded of them
 
 Grounding = Callable[[NDArray[np.float64]], "ArrayLike | Mapping[str, float]"]
 

@@ -58,18 +58,12 @@ class RunLog(Closing):
 
 
 class Bookkeeping:
-    """The steps, the episodes and the time of a training.
-
-    Attributes:
-        episode, env_steps: Numbers of complete episodes and of env steps.
-        tally: Counts over all steps.
-        log: Where steps and episodes are written; None for nowhere.
-    """
+    """The numbers of complete episodes and of steps, counts over these, and the time so far."""
 
     def __init__(self) -> None:
         self.episode = self.env_steps = 0
         self.tally = DecisionCounts()
-        self.log: RunLog | None = None
+        self.log: RunLog | None = None  # where steps and episodes are written
         self._wall_before, self._clock = 0.0, time.monotonic()
 
     @property

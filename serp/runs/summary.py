@@ -27,10 +27,9 @@ def moving_mean(values: Array) -> Array:
 
 
 def moving_interval(values: Array) -> tuple[Array, Array]:
-    """Return the ends of the 95 % interval of each `moving_mean`, ``[n]`` each.
+    """Return the ends of Student's 95 % interval of each `moving_mean`, ``[n]`` each.
 
-    Student's interval, no wider than the values that the mean is of: a return that nothing exceeds
-    is not exceeded by its interval.
+    It is no wider than the values that the mean is of.
     """
     from scipy.special import stdtrit
 

@@ -174,10 +174,7 @@ class ActionMap:
         return projected._replace(choice=self._best(projected))
 
     def _best(self, of: Forecast) -> int:
-        """Return the best environment action, -1 where none is applicable.
-
-        Ties are broken by the order of the ground actions in the file.
-        """
+        """Return the best action, of equal ones the first in the file; -1: none is applicable."""
         applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
         applicable.sort(key=lambda a: self.groups[a][0])
         return max(applicable, key=lambda a: score_of(of, a), default=-1)

@@ -119,11 +119,7 @@ class BoundTask(Closing):
         return numbered
 
     def _tried_grounding(self) -> Any:
-        """Return what the grounding gives on a sampled observation; None if it fails on them all.
-
-        Of info and of states of the environment there are no samples: one that takes these is tried
-        on a reset.
-        """
+        """Return what the grounding gives on a sample, or on a reset if it takes more; or None."""
         if self.grounding.takes:
             return self._grounded(*self.reset(seed=0), self.env)
         return next(self.grounding.on_samples(self.observations.space, 8), None)
@@ -207,10 +203,7 @@ class BoundTask(Closing):
             return reset_answer(self.env.reset(seed=seed))
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an environment action 0 ... E-1.
-
-        Returns:
-            Observation, the environment's reward, terminated, truncated, info.
+        """Execute an action 0 ... E-1; return observation, reward, terminated, truncated, info.
 
         Raises:
             EnvironmentFailure: The environment raised, or did not return these.

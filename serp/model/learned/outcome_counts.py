@@ -197,15 +197,12 @@ Transitions = tuple[Vector, NDArray[np.int64], Vector, Mask]
 
 
 class CountedGroup(NamedTuple):
-    """The counts of all groups of one key, with the ground action of the first of these groups.
-
-    `others` `[A, S]` are those of `same_arguments`.
-    """
+    """The counts of all groups of one key, with the ground action of the first of these groups."""
 
     action: int
     group: FeatureGroup
     counts: OutcomeCounts
-    others: NDArray[np.int64]
+    others: NDArray[np.int64]  # `[A, S]`, see `same_arguments`
 
     def effects(self, action: int) -> list[int]:
         """Return the ground action whose effect each outcome of an action is; -1 for a change."""
@@ -258,10 +255,7 @@ def _away_from_ends(
     states: Vector,
     actions: NDArray[np.int64],
 ) -> Mask:
-    """Return the steps `[N]` from whose states no usual outcome ends the episode.
-
-    All steps of an action schema that has fewer than 30 of them are returned.
-    """
+    """Return the steps `[N]` from which no usual outcome ends the episode; all if there are few."""
     ends = np.zeros(len(actions), dtype=np.bool_)
     for action in np.unique(actions).tolist():
         rows = np.flatnonzero(actions == action)

@@ -195,10 +195,7 @@ class ParameterEstimator:
         self._kept = undisturbed(model.replace(theta=self._written), data)
 
     def estimate(self, theta: Vector) -> ParameterFit:
-        """Fit all parameters at once, by at most four Gauss-Newton iterations from `theta` `[P]`.
-
-        Entries that an event of the model as written changes are not compared.
-        """
+        """Fit all parameters at once, by at most four Gauss-Newton iterations from `theta`."""
         theta = theta.copy()
         errors = np.full(len(theta), np.inf)
         counts = np.zeros(len(theta), dtype=np.int64)
@@ -409,10 +406,7 @@ class ParameterEstimation:
         return adopted
 
     def _bounded(self, theta: Vector) -> Vector:
-        """Return parameters `[P]` that keep the written sign and a fraction of the written size.
-
-        A parameter that is written as 0 is not bounded.
-        """
+        """Return parameters `[P]` with at least the written sign and a fraction of the size."""
         written = self._written.theta
         sign = np.where(written < 0.0, -1.0, 1.0)
         bounded: Vector = sign * np.maximum(sign * theta, _LEAST * np.abs(written))

@@ -66,10 +66,7 @@ class NormalEquations:
     def solutions(
         self, ridge: Vector, sizes: Sequence[int]
     ) -> Iterator[tuple[NDArray[np.int64], list[Vector], Vector]]:
-        """Yield targets, their weights by the first columns of each size, and the Cholesky factor.
-
-        Nothing is yielded for a matrix without a finite solution.
-        """
+        """Yield targets, weights by the first columns of each size, and the Cholesky factor."""
         from scipy.linalg import lapack
 
         for gram, owned in zip(self.gram, self._owned, strict=True):

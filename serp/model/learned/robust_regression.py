@@ -123,10 +123,7 @@ def _solve(
     width: Vector,
     scale: float,
 ) -> Vector:
-    """Return the coefficients of weighted least squares with the prior, from those before.
-
-    Uses the normal equations; the next iteration restores the digits that they lose.
-    """
+    """Return the coefficients of weighted least squares with the prior, by normal equations."""
     scaled = columns * (width / scale)
     weighted = scaled * weights[:, None]
     matrix = weighted.T @ scaled + np.eye(len(before))

@@ -122,10 +122,7 @@ def _planned(
 
 
 def _with_domain_file(bound: BoundTask, name: str) -> Task:
-    """Return the loaded task with another domain file, or with its own where `name` is empty.
-
-    A name means what it means for `find_task`, or a file beside the task's own.
-    """
+    """Return the loaded task with another domain file, also one beside its own, if it is named."""
     if not name:
         return bound.task.loaded()
     own, limit = Path(bound.domain.source.name), bound.domain.max_ground_schemas

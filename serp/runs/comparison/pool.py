@@ -215,10 +215,7 @@ def _run_apart(
 def _opened(
     request: TrialsRequest, most: int | None
 ) -> Iterator[tuple[futures.Executor, int, Callable[[], None]]]:
-    """Yield executor, trials at the same time, and a function that stops them.
-
-    Processes of this machine stop after their episodes; at an exception they are killed.
-    """
+    """Yield executor, trials at the same time, and a function that stops them after episodes."""
     if request.engine != LOCAL:
         with find_engine(request.engine)(request.address, most) as (executor, slots):
             yield executor, slots, lambda: None

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 RESAMPLES: Final = 5_000
-ENOUGH: Final = 5
-"""Number of seeds below which intervals are rough; they tend to be too narrow."""
-GRID: Final = 200
-"""Number of points of a training curve."""
+ENOUGH: Final = 5  # seeds below which intervals are rough; they tend to be too narrow
+GRID: Final = 200  # points of a training curve
 
 
 class Measure(NamedTuple):
@@ -203,10 +201,7 @@ def _excess(sample: Array, less: Array | None = None) -> Array:
 
 
 def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
-    """Return the statistic and the ends of its percentile interval; seeds are on the last axis.
-
-    The ends are the statistic itself where there are less than two seeds.
-    """
+    """Return the statistic and its percentile interval, [value, value] of less than two seeds."""
     value, size = _excess(*samples), sum(sample.size for sample in samples)
     if any(sample.shape[-1] < 2 for sample in samples):
         return value, value, value
@@ -245,11 +240,7 @@ def evaluation_curve(record: Record) -> tuple[Array, Array]:
 
 
 def training_curves(records: Iterable[Record], env_steps: int) -> Curves:
-    """Return training returns over env steps from 0 to the budget.
-
-    The return of the running episode is the mean over it and the 19 before it; the last complete
-    episode's goes on to the end.
-    """
+    """Return training returns, the moving mean of the running episode, from 0 to the budget."""
     grid, rows = np.linspace(0, env_steps, GRID), []
     for record in records:
         returns, ends = record.episodes["return"], record.episodes["env_steps"]
@@ -321,10 +312,7 @@ class Results:
         return [*lines, *([self.caution] if self.caution else [])]
 
     def values(self, algorithm: str, name: str) -> Array:
-        """Return a measure of every trial of an algorithm, by seed.
-
-        An outcome that a trial never had counts 0; NaN is what was not measured.
-        """
+        """Return a measure of every trial, by seed; 0 for an outcome that never came."""
         absent = 0.0 if name.startswith("outcome.") else np.nan
         trials = (record.trial for record in self.of(algorithm))
         return np.array([self.measured[trial].get(name, absent) for trial in trials], np.float64)

@@ -24,12 +24,13 @@ from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
+from serp._util.plugins import blaming
 from serp._util.processes import one_thread
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Learner
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, RunError, SerpError, TaskError
+from serp.errors import Interrupted, RunError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
@@ -245,15 +246,9 @@ def make_external(
         return agent, env, algorithm.make_external(env, bound.name, seed)
 
 
-@contextlib.contextmanager
-def _blamed(name: str) -> Iterator[None]:
+def _blamed(name: str) -> contextlib.AbstractContextManager[None]:
     """Raise a RunError that names an external algorithm for any exception of it."""
-    try:
-        yield
-    except SerpError:
-        raise
-    except Exception as error:
-        raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
+    return blaming(f"`{name}` failed", RunError)
 
 
 class _ExternalLearner(NamedTuple):
