@@ -65,8 +65,8 @@ def duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02} min"
 
 
-def sparkline(numbers: Iterable[float], width: int = 12) -> str:
-    """Return the course of numbers as at most `width` bars; an empty text for fewer than three.
+def sparkline(numbers: Iterable[float]) -> str:
+    """Return the course of numbers as at most 12 bars; an empty text for fewer than three.
 
     Each bar is the mean of as many values; the lowest and the highest bar are the ends of the
     scale (Tufte 2006).
@@ -74,7 +74,8 @@ def sparkline(numbers: Iterable[float], width: int = 12) -> str:
     values, shapes = list(numbers), "▁▂▃▄▅▆▇█"
     if len(values) < 3 or not all(map(math.isfinite, values)):
         return ""
-    ends = [len(values) * i // min(width, len(values)) for i in range(min(width, len(values)) + 1)]
+    bars = min(12, len(values))
+    ends = [len(values) * i // bars for i in range(bars + 1)]
     means = [sum(values[a:b]) / (b - a) for a, b in itertools.pairwise(ends)]
     low, spread = min(means), max(means) - min(means)
     if spread <= 1e-9 * max(map(abs, means)):

@@ -83,11 +83,8 @@ def summarize(
 ) -> dict[str, Any]:
     """Summarise a run.
 
-    Args:
-        metrics: What `serp.runs.tables.read_metrics` returns.
-        config: The resolved configuration, a part of which is repeated.
-        vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
-        account: What `serp.agent.agent.account_of` returns, which is repeated.
+    `vetoes_by_reason` are reason → proposals refused for it, `account` is what
+    `serp.agent.agent.account_of` returns. It is repeated, as is a part of the configuration.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of all episodes, of the first

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any
 
 from optuna import distributions as d
@@ -37,7 +38,7 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
     """Return the parameters of some settings; empty if one of them is not in the space."""
     parameters: dict[str, Any] = {}
     for name, values in space.items():
-        value = _value(settings, name)
+        value = attrgetter(name)(settings)
         if isinstance(values, d.CategoricalDistribution):
             value = json.dumps(value)
             inside = value in values.choices
@@ -72,12 +73,7 @@ def _distribution(name: str, given: Any) -> d.BaseDistribution:
     return d.FloatDistribution(low, high, log=log)
 
 
-def _value(settings: Settings, name: str) -> Any:
-    section, _, setting = name.partition(".")
-    return getattr(getattr(settings, section), setting)
-
-
 def _checked(name: str, value: Any) -> Any:
     """Return a value in the form of the setting; refuse one that it does not take."""
     section, _, setting = name.partition(".")
-    return _value(Settings().replace({section: {setting: value}}), name)
+    return attrgetter(name)(Settings().replace({section: {setting: value}}))
