@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import inspect
+import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -85,8 +86,8 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
                     points.append(middle.copy())
                     points[-1][index] = bound[index]
         random = np.random.default_rng(0)
-        drawn = [random.uniform(low, high) for _ in range(count)]
-        for point in (middle, low, high, *points, *drawn):
+        drawn = (random.uniform(low, high) for _ in range(count))
+        for point in itertools.chain((middle, low, high), points, drawn):
             yield np.clip(point.astype(space.dtype), space.low, space.high)
         return
     try:
