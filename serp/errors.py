@@ -50,10 +50,7 @@ class MissingExtra(SerpError):
 
 @contextmanager
 def needs_extra(extra: str, what: str) -> Iterator[None]:
-    """Raise `MissingExtra` where the body imports an optional library that is not installed.
-
-    `extra` installs it; the message begins with `what` needs it.
-    """
+    """Raise `MissingExtra` (`what` needs `extra`) where the body imports what is not installed."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -63,11 +60,7 @@ def needs_extra(extra: str, what: str) -> Iterator[None]:
 
 
 class Interrupted(SerpError):
-    """A training or a comparison was stopped; it can be continued.
-
-    Attributes:
-        signal: Number of the signal that stopped it.
-    """
+    """A training or a comparison was stopped by `signal`, a number; it can be continued."""
 
     def __init__(self, message: str, signal: int) -> None:
         super().__init__(message)

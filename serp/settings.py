@@ -35,7 +35,8 @@ class _Validated(BaseModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise SettingsError(_refusal(type(self), error)) from None
+            refused = [_refusal(type(self), each) for each in error.errors(include_url=False)]
+            raise SettingsError("; ".join(dict.fromkeys(refused))) from None
 
     @classmethod
     def section(cls) -> str:
@@ -47,15 +48,14 @@ class Section(_Validated):
     """A section of the settings: immutable, and validated on creation.
 
     NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
-    What is outside its range, of another type, or unknown is a `SettingsError`.
     """
 
     @field_validator("*", mode="before")
     @classmethod
     def _as_python(cls, value: Any) -> Any:
-        if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1):
-            return tuple(_plain(entry) for entry in value)
-        return _plain(value)
+        if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 1):
+            value = value.tolist()
+        return tuple(map(cls._as_python, value)) if isinstance(value, list | tuple) else value
 
     def replace(self, **changes: Any) -> Self:
         """Return the section with other values."""
@@ -64,10 +64,6 @@ class Section(_Validated):
     def as_dict(self) -> dict[str, Any]:
         """Return setting → JSON value (tuples as lists)."""
         return {name: list(v) if isinstance(v, tuple) else v for name, v in self}
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def setting_value(text: str) -> Any:
@@ -85,9 +81,6 @@ def assigned(texts: Iterable[str]) -> Changes:
     """Return section → setting → value of `section.name=value` texts; see `setting_value`.
 
     Whether section and setting exist is for `Settings` to say.
-
-    Raises:
-        SettingsError: A text has another form, or a setting is given twice.
     """
     changes: dict[str, dict[str, Any]] = {}
     for text in texts:
@@ -109,13 +102,8 @@ def first_of(error: Exception) -> str:
     return f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
 
 
-def _refusal(section: type[_Validated], error: ValidationError) -> str:
-    """Say which values are refused, and what is allowed instead."""
-    said = [_said(section, problem) for problem in error.errors(include_url=False)]
-    return "; ".join(dict.fromkeys(said))
-
-
-def _said(section: type[_Validated], problem: ErrorDetails) -> str:
+def _refusal(section: type[_Validated], problem: ErrorDetails) -> str:
+    """Say which value is refused, and what is allowed instead."""
     name = section.section()
     why = _WANTED.get(problem["type"], problem["msg"])
     why = why.removeprefix("Value error, ").replace("Input should be", "must be")
@@ -128,16 +116,13 @@ def _said(section: type[_Validated], problem: ErrorDetails) -> str:
     return f"{name}.{setting} {why}, not {problem['input']!r}"
 
 
-MAX_PERIODS: Final = 10_000
-"""Largest depth, and largest number of repetitions of an action."""
-
 Probability = Annotated[float, Field(ge=0, le=1)]
 """A number from 0 to 1."""
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 """A number, neither infinite nor NaN."""
 Nonnegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Periods = Annotated[int, Field(ge=1, le=MAX_PERIODS)]
+Periods = Annotated[int, Field(ge=1, le=10_000)]
 Count = Annotated[int, Field(ge=0, le=COUNTED)]
 PositiveCount = Annotated[int, Field(ge=1, le=COUNTED)]
 Size = Annotated[int, Field(ge=1, le=SIZE)]
@@ -238,7 +223,7 @@ class LearnerSettings(Section):
     The network chooses the next action, the target network estimates its value (double DQN, arXiv
     1509.06461). The norm of a gradient is clipped to 10. None: the paper's equation 3, without all
     of this."""
-    n_step: Annotated[int, Field(ge=1, le=10_000)] = 3
+    n_step: Periods = 3
     """n of n-step returns: rewards summed before the estimated value of a later state."""
     epsilon_end: Probability = 0.05
     """Probability of exploring from env step `epsilon_steps` on."""
@@ -316,11 +301,7 @@ class Settings(_Validated):
 
 
 def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:
-    """Return the items of a mapping.
-
-    Raises:
-        SettingsError: It is not a mapping.
-    """
+    """Return the items of a mapping; anything else is a `SettingsError`."""
     if not isinstance(value, Mapping):
         raise SettingsError(f"{what} must be a mapping such as {example}, not {value!r}")
     return value.items()

@@ -15,10 +15,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def closest(word: str, known: Iterable[str]) -> str | None:
-    """Return the known word that is most like another one; None where none is like it.
-
-    Nothing is more like `ball-to-robot` than `robot-to-ball`.
-    """
+    """Return the known word most like another one, at best its parts in another order, or None."""
     names = sorted(set(known))
     parts = sorted(word.split("-"))
     turned = [name for name in names if sorted(name.split("-")) == parts]

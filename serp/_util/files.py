@@ -16,7 +16,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,10 +24,7 @@ from serp.errors import RunError, SerpError
 
 
 class Closing:
-    """A context manager that calls `close` on exit; a subclass defines `close`.
-
-    An error of `close` never hides an error of the body.
-    """
+    """A context manager that calls `close` on exit, whose error never hides one of the body."""
 
     def close(self) -> None:
         """Release what is held; a second call does nothing."""
@@ -55,9 +52,6 @@ _ADVICE = {
     errno.EROFS: "Use a disk that is not read-only",
     errno.ENOENT: "Make sure that the folder still exists",
 }
-
-
-# Reading -----------------------------------------------------------------------------------------
 
 
 def open_regular(path: Path, flags: int) -> int:
@@ -135,9 +129,6 @@ def _irregular(path: Path) -> RunError:
     )
 
 
-# Writing -----------------------------------------------------------------------------------------
-
-
 def write_durably(path: Path, content: bytes | str) -> None:
     """Replace `path` by `content` (text as UTF-8) atomically and durably."""
     write_together({path: content})
@@ -184,7 +175,7 @@ def replaced_durably(path: Path) -> Iterator[Path]:
             with open(aside, "rb+") as file:
                 os.fsync(file.fileno())
             os.replace(aside, path)
-            sync_folder(path.parent)
+            _sync_folder(path.parent)
         except BaseException:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
@@ -202,7 +193,7 @@ def aside_of(path: Path) -> Path:
     return path.with_name(path.name + ".aside")
 
 
-def sync_folder(folder: Path) -> None:
+def _sync_folder(folder: Path) -> None:
     """Make the renames in a folder durable, if the operating system supports that."""
     if os.name == "nt":  # Windows opens no folders; its renames are journalled
         return
@@ -244,10 +235,6 @@ def cannot_write(path: Path, error: OSError, kept: str) -> RunError:
     return RunError(f"cannot write {path}: {reason}. {kept} {advice}, then try again.")
 
 
-_LARGEST: Final = 1 << 26
-"""Largest size of a file that is read, in bytes."""
-
-
 def json_text(value: object) -> str:
     """Return indented JSON that ends with a line break, of paths, enums and NumPy values, too.
 
@@ -269,12 +256,9 @@ def finite(value: Any) -> Any:
 
 
 def read_json(file: Path, advice: str) -> dict[str, Any]:
-    """Read a file that holds one JSON object.
-
-    `advice` ends the message of the `RunError` if it cannot be read.
-    """
+    """Read a file of at most 64 MiB that holds one JSON object; see `read_regular`."""
     try:
-        content = json.loads(read_regular(file, _LARGEST, advice).decode("utf-8"))
+        content = json.loads(read_regular(file, 1 << 26, advice).decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise RunError(f"{file} is damaged ({error}). {advice}") from error
     if not isinstance(content, dict):

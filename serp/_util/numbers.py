@@ -31,13 +31,13 @@ def whole(value: Any, least: int, most: int | None = None) -> int | None:
     return number if number >= least and (most is None or number <= most) else None
 
 
-def real(value: Any, *, infinite: bool = False) -> float | None:
-    """Return a number as a float, or as an int if it is one; None for anything else."""
+def real(value: Any) -> float | None:
+    """Return a finite number as a float, or as an int if it is one; None for anything else."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return None
     try:
         number = int(value) if isinstance(value, Integral) else float(value)
-        return number if math.isfinite(number) or (infinite and number == number) else None
+        return number if math.isfinite(number) else None
     except OverflowError:  # a whole number beyond the largest float
         return None
 

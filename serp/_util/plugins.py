@@ -6,7 +6,7 @@ import functools
 import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from pathlib import Path
 from typing import Final
@@ -40,14 +40,8 @@ def find(
 ) -> EntryPoint:
     """Return the entry point with a name; if there is none, raise a `failure`.
 
-    Args:
-        entries: The entry points by name.
-        name: The name.
-        what: The kind of implementation, such as `task`, for the message.
-        failure: The class of the error.
-        known: Other names that the message may suggest.
-        setting: The setting that holds the name, for the message.
-        advice: The end of the message.
+    For its message: `what` is the kind of implementation, such as `task`, `known` are other names
+    to suggest, `setting` holds the name, and `advice` is the end.
     """
     if name not in entries:
         meant = did_you_mean(name, [*known, *entries]) or "none is installed"
@@ -56,21 +50,20 @@ def find(
     return entries[name]
 
 
-@contextmanager
-def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
-    """Raise a `failure` for anything that loading or calling an entry point raises.
+def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> AbstractContextManager[None]:
+    """Raise a `failure` for anything but a `SerpError` that loading an entry point raises."""
+    return blaming(f"{what} `{entry.name}` ({entry.value}) cannot be loaded", failure)
 
-    A `SerpError` is raised unchanged. `what` is the kind of implementation, such as `task`.
-    """
+
+@contextmanager
+def blaming(what: str, failure: type[SerpError]) -> Iterator[None]:
+    """Raise a `failure` that begins with `what` for anything but a `SerpError` in the body."""
     try:
         yield
     except SerpError:
         raise
     except Exception as error:
-        raise failure(
-            f"{what} `{entry.name}` ({entry.value}) cannot be loaded: "
-            f"{type(error).__name__}: {error}"
-        ) from error
+        raise failure(f"{what}: {type(error).__name__}: {error}") from error
 
 
 _SERP: Final = str(Path(__file__).parents[1])

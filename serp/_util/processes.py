@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import multiprocessing
 import os
@@ -22,10 +21,7 @@ _OURS: Final = "serp"
 
 
 def python_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module in a Python process.
-
-    It imports nothing from the working folder in place of what is installed.
-    """
+    """Return the command that runs a module, and that imports nothing from the working folder."""
     return [sys.executable, "-P", "-m", module, *arguments]
 
 
@@ -70,7 +66,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-@contextlib.contextmanager
+@contextmanager
 def one_thread() -> Iterator[None]:
     """Limit BLAS to one thread: more are slower, and how many there are changes bits."""
     import scipy.linalg  # noqa: F401  (a library that is loaded later is not limited)
@@ -89,7 +85,7 @@ def _libraries() -> threadpoolctl.ThreadpoolController:
     return threadpoolctl.ThreadpoolController()
 
 
-@contextlib.contextmanager
+@contextmanager
 def blas_on_one_thread() -> Iterator[None]:
     """Limit BLAS to one thread for a call in somebody else's loop, so that bits do not differ."""
     with _libraries().limit(limits=1, user_api="blas"):

@@ -11,7 +11,7 @@ import copy
 import reprlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,6 @@ import numpy.typing as npt
 from serp.errors import RunError
 
 LARGEST: Final = float(np.finfo(np.float64).max)
-"""Largest finite number."""
 MOST: Final = 2**53
 """Largest count: whole numbers up to it are exact as floats, too."""
 
@@ -31,14 +30,9 @@ _MOST_OF_GENERATORS: Final = {
 Arrays = dict[str, npt.NDArray[Any]]
 
 
-class _Check(NamedTuple):
-    """A check of a JSON value, and what passes it, for messages."""
-
-    fits: Callable[[Any], bool]
-    expected: str
-
-
-_TRUTH: Final = _Check(lambda value: isinstance(value, bool), "true or false")
+_Check = tuple[Callable[[Any], bool], str]
+"""A check of a JSON value, and what passes it, for messages."""
+_TRUTH: Final[_Check] = (lambda value: isinstance(value, bool), "true or false")
 
 
 def nested(part: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
@@ -110,11 +104,9 @@ class Saved:
         """Return a number from `low` to `high`, never NaN."""
         return float(self._checked(name, self._value(name), _real(low, high)))
 
-    def reals(
-        self, name: str, length: int, low: float = -LARGEST, high: float = LARGEST
-    ) -> list[float]:
-        """Return a list of `length` numbers."""
-        return [float(value) for value in self._list(name, length, _real(low, high))]
+    def reals(self, name: str, length: int) -> list[float]:
+        """Return a list of `length` finite numbers."""
+        return [float(value) for value in self._list(name, length, _real(-LARGEST, LARGEST))]
 
     def truth(self, name: str) -> bool:
         """Return a truth value."""
@@ -161,8 +153,9 @@ class Saved:
         return [self._checked(name, value, check) for value in values]
 
     def _checked(self, name: str, value: Any, check: _Check) -> Any:
-        if not check.fits(value):
-            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {check.expected}")
+        fits, expected = check
+        if not fits(value):
+            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {expected}")
         return value
 
 
@@ -171,10 +164,9 @@ Reader = Callable[[Saved, str, Any], Any]
 
 
 class Declared:
-    """A class whose state in a checkpoint is declared once and checked by one reader.
+    """A class whose state in a checkpoint is declared once, as attribute → `Reader`.
 
-    `STATE` says of each attribute how it is read: by a method of `Saved`, `random` or `part`. Its
-    name in the checkpoint has no underscore. Nothing changes unless all attributes can be read.
+    Its name in the checkpoint has no underscore. Nothing changes unless all can be read.
     """
 
     STATE: ClassVar[Mapping[str, Reader]] = {}
@@ -205,11 +197,6 @@ def count(saved: Saved, name: str, own: Any) -> int:
     return saved.whole(name)
 
 
-def probability(saved: Saved, name: str, own: Any) -> float:
-    """Read a number from 0 to 1."""
-    return saved.real(name, 0.0, 1.0)
-
-
 def truths(saved: Saved, name: str, own: list[bool]) -> list[bool]:
     """Read as many truth values as there are."""
     return saved.truths(name, len(own))
@@ -218,6 +205,9 @@ def truths(saved: Saved, name: str, own: list[bool]) -> list[bool]:
 def within(low: float, high: float = LARGEST) -> Reader:
     """Return the reader of a number from `low` to `high`."""
     return lambda saved, name, own: saved.real(name, low, high)
+
+
+probability: Final = within(0.0, 1.0)
 
 
 def counts_of(names: Iterable[str]) -> Reader:
@@ -253,24 +243,18 @@ def whole_within(value: Any, low: int, high: int) -> bool:
 
 
 def _whole(low: int, high: int) -> _Check:
-    return _Check(
-        lambda value: whole_within(value, low, high), f"a whole number from {low} to {high}"
-    )
+    return lambda value: whole_within(value, low, high), f"a whole number from {low} to {high}"
 
 
 def _real(low: float, high: float) -> _Check:
-    # Python compares large whole numbers exactly.
-    return _Check(
-        lambda value: type(value) in (int, float) and low <= value <= high,
-        f"a number from {low:g} to {high:g}",
-    )
+    def fits(value: Any) -> bool:
+        return type(value) in (int, float) and low <= value <= high  # exact for large whole ones
+
+    return fits, f"a number from {low:g} to {high:g}"
 
 
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
-    """Return the saved state of a random generator in the form that its setter takes.
-
-    A ValueError says that it is not the state of such a generator, which is not changed.
-    """
+    """Return the saved state of a generator in the form that its setter takes, or a ValueError."""
     state: Mapping[str, Any] = _like(saved, generator.bit_generator.state, "")
     return state
 

@@ -74,19 +74,19 @@ def _console_class() -> type[Console]:
 def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error, if that is a terminal, and not `quiet`.
 
-    Yields:
-        A function to call after each of the `total` pieces of work.
+    Yields a function to call after each of the `total` pieces of work.
     """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda: None
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
+    from rich import progress as p
 
-    name = TextColumn("{task.description}", markup=False)
-    columns = (name, BarColumn(), MofNCompleteColumn(), Remaining())
+    name = p.TextColumn("{task.description}", markup=False)
     # No refresh thread: it would draw while the policy computes.
-    shown = Progress(*columns, console=open_console(sys.stderr), auto_refresh=False, transient=True)
+    shown = p.Progress(
+        name, p.BarColumn(), p.MofNCompleteColumn(), p.TimeRemainingColumn(),
+        console=open_console(sys.stderr), auto_refresh=False, transient=True,
+    )  # fmt: skip
     task = shown.add_task(title, total=total)
     closed = contextlib.suppress(OSError, ValueError)  # of the terminal, must not end the work
 

@@ -12,10 +12,6 @@ def plural(count: int, noun: str, several: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else several or noun + 's'}"
 
 
-_DIGITS = 6
-"""Decimals beyond which a standard error is not shown."""
-
-
 def readable(value: float | None) -> str:
     """Return a number with four significant digits: `1,234`, `−0.2618`, `–` for none; or `true`."""
     if isinstance(value, bool):
@@ -69,37 +65,35 @@ def duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02} min"
 
 
-_BARS = "▁▂▃▄▅▆▇█"
-
-
-def sparkline(numbers: Iterable[float], width: int = 12) -> str:
-    """Return the course of numbers as at most `width` bars; an empty text for fewer than three.
+def sparkline(numbers: Iterable[float]) -> str:
+    """Return the course of numbers as at most 12 bars; an empty text for fewer than three.
 
     Each bar is the mean of as many values; the lowest and the highest bar are the ends of the
     scale (Tufte 2006).
     """
-    values = list(numbers)
+    values, shapes = list(numbers), "▁▂▃▄▅▆▇█"
     if len(values) < 3 or not all(map(math.isfinite, values)):
         return ""
-    ends = [len(values) * i // min(width, len(values)) for i in range(min(width, len(values)) + 1)]
+    bars = min(12, len(values))
+    ends = [len(values) * i // bars for i in range(bars + 1)]
     means = [sum(values[a:b]) / (b - a) for a, b in itertools.pairwise(ends)]
     low, spread = min(means), max(means) - min(means)
     if spread <= 1e-9 * max(map(abs, means)):
-        return _BARS[3] * len(means)
-    return "".join(_BARS[min(int((mean - low) / spread * len(_BARS)), 7)] for mean in means)
+        return shapes[3] * len(means)
+    return "".join(shapes[min(int((mean - low) / spread * 8), 7)] for mean in means)
 
 
 def _decimals(value: float, error: float) -> int | None:
     """Return the decimals up to the first digit of an error, or to the second if the first is 1.
 
-    None if the error is negligible or unknown.
+    None if the error is negligible, unknown, or smaller than six decimals show.
     """
     if not math.isfinite(error) or error <= 1e-9 * abs(value):
         return None
     place = math.floor(math.log10(error))
     first = int(error / 10.0**place)
     decimals = -place + (1 if first == 1 else 0)
-    return decimals if decimals <= _DIGITS else None
+    return decimals if decimals <= 6 else None
 
 
 def _fixed(value: float, decimals: int) -> str:

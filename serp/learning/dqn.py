@@ -28,12 +28,7 @@ from serp.settings import LearnerSettings
 
 
 class Proposal(NamedTuple):
-    """The action that the learner proposes.
-
-    Attributes:
-        action: Index of the action.
-        exploratory: Whether it was drawn at random.
-    """
+    """The action that the learner proposes, by its index, and whether it was drawn at random."""
 
     action: int
     exploratory: bool
@@ -51,9 +46,6 @@ class DQN:
         discount: γ, weight of the reward of the next step.
 
     Attributes:
-        imitates: As given.
-        learning: The networks and their gradient updates.
-        replay: The replay memory.
         env_index: Environment, from 0, that the next env steps to remember come from.
         env_steps: Number of env steps remembered.
         imitation_weight: Current weight of imitation, ≥ 0, at first 0; it is not saved.
@@ -68,18 +60,13 @@ class DQN:
         imitates: bool = False,
         discount: float = 0.99,
     ) -> None:
-        self.imitates = imitates
-        self._discount = discount
+        self.imitates, self._discount, self.settings = imitates, discount, settings
         self.imitation_weight = 0.0
-        self.input_size = input_size
-        self.action_count = action_count
-        self.settings = settings
-        start_rng, sample_rng, explore_rng = _generators(seed)
+        self.input_size, self.action_count = input_size, action_count
+        start_rng, sample_rng, self._explore_rng = _generators(seed)
         self.learning = QLearning(input_size, action_count, settings, start_rng)
         self.replay = ReplayBuffer(input_size, action_count, settings, sample_rng, discount)
-        self._explore_rng = explore_rng
-        self.env_steps = self.env_index = 0
-        self._learn_calls = 0
+        self.env_steps = self.env_index = self._learn_calls = 0
 
     @property
     def updates(self) -> int:
@@ -166,11 +153,7 @@ class DQN:
         return self.pretrain(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int) -> float | None:
-        """Do gradient updates on the samples so far (Algorithm 1, line 1); return their mean loss.
-
-        Raises:
-            LearningFailure: The loss is not finite.
-        """
+        """Do gradient updates on the samples so far (Algorithm 1, line 1); see `learn`."""
         if updates <= 0 or not self.replay.size:
             return None
         given = self.replay, self.imitation_weight, self.env_steps
@@ -187,9 +170,8 @@ class DQN:
             LearningFailure: A parameter is not finite.
         """
         if self.learning.not_finite() is not None:
-            raise self.learning.failure(
-                "a number that is to be saved is not finite", self.env_steps
-            )
+            why = "a number that is to be saved is not finite"
+            raise self.learning.failure(why, self.env_steps)
         replay, replay_meta = self.replay.state_dict()
         arrays = {name: array.copy() for name, array in self.learning.arrays().items()}
         arrays |= nested("replay", replay)
@@ -205,12 +187,7 @@ class DQN:
     def load_state_dict(
         self, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
     ) -> None:
-        """Continue, bit for bit, from what `state_dict` returned.
-
-        Raises:
-            RunError: The state belongs to a learner of another shape, or is incomplete; this
-                learner is unchanged.
-        """
+        """Continue, bit for bit, from what `state_dict` returned; a RunError changes nothing."""
         saved, learning = Saved("learner", arrays, meta), self.learning
         trained = learning.arrays()
         for name, array in trained.items():
@@ -227,8 +204,7 @@ class DQN:
         self.replay.load_state_dict(*saved.part("replay"))
         for name, array in trained.items():
             array[...] = arrays[name]
-        self.env_steps, self._learn_calls = env_steps, learn_calls
-        learning.steps = updates
+        self.env_steps, self._learn_calls, learning.steps = env_steps, learn_calls, updates
         self._explore_rng.bit_generator.state = state
 
 

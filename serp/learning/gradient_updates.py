@@ -12,8 +12,7 @@ from serp.errors import LearningFailure
 from serp.learning.replay import ReplayBuffer, type_F32
 from serp.settings import LearnerSettings
 
-_LARGEST_NORM: Final = 10.0
-"""Largest Euclidean norm of the gradient of one network that has a target network."""
+_LARGEST_NORM: Final = 10.0  # of the gradient of one network that has a target network
 
 
 class QLearning(_core.QLearning):
@@ -21,9 +20,7 @@ class QLearning(_core.QLearning):
 
     The computation is compiled: `network.cpp` and `gradient_updates.cpp`. All members' parameters
     are one float32 array ``[E, P]``. The optimiser is Adam with the paper's β₁, β₂ and ε; `steps`
-    is the number of gradient updates.
-
-    Determinism: equal parameters and inputs give equal bits on one kind of machine.
+    is the number of gradient updates. Equal numbers give equal bits on one kind of machine.
     """
 
     def __init__(

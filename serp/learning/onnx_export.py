@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,20 +10,15 @@ import numpy.typing as npt
 from serp import _core
 from serp.errors import needs_extra
 
-_OPSET: Final = 17
-"""The first with LayerNormalization."""
-_IR_VERSION: Final = 8
-"""The version of the format that belongs to it, which older onnxruntimes read, too."""
+_OPSET, _IR_VERSION = 17, 8
+"""The first with LayerNormalization, and the version of the format that belongs to it."""
 
 
 def network_as_onnx(network: _core.QNetwork) -> bytes:
     """Return a network as ONNX: `x` float32 ``[F]`` → `q` float32 ``[A]``.
 
     Q is the mean over members, as of `QNetwork.q`, to float32 accuracy: sums are added in another
-    order.
-
-    Raises:
-        MissingExtra: onnx is not installed.
+    order. Without onnx, `MissingExtra` is raised.
     """
     with needs_extra("export", "the export of a network"):
         import onnx

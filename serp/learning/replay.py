@@ -23,10 +23,7 @@ type_I64 = npt.NDArray[np.int64]
 
 @dataclass(slots=True)
 class PendingStep:
-    """A step that waits for the rewards of later steps.
-
-    `reward` is the discounted sum so far.
-    """
+    """A step that waits for the rewards of later steps; `reward` is the discounted sum so far."""
 
     observation: type_F32
     action: int
@@ -37,12 +34,7 @@ class PendingStep:
 class ReplayBuffer:
     """A ring of N samples with n-step returns, the oldest overwritten; allocated once.
 
-    Args:
-        input_size: Numbers in one input, F.
-        action_count: Actions, A.
-        settings: The learner's settings.
-        rng: Draws the samples; used exclusively by the buffer.
-        discount: γ.
+    Inputs have F numbers, there are A actions; `rng` is used exclusively by the buffer.
 
     Attributes:
         size: Samples in the ring. A step becomes a sample when its n rewards are complete.
@@ -118,28 +110,18 @@ class ReplayBuffer:
         for age, waiting in enumerate(reversed(pending)):
             waiting.reward += self._powers[age] * reward
         ended = terminated or truncated
+        samples, capacity = self.samples, self._settings.buffer_size
         while pending and (ended or len(pending) == self._settings.n_step):
-            self._emit(pending, next_observation, terminated, bits)
-
-    def _emit(
-        self,
-        pending: deque[PendingStep],
-        next_observation: npt.NDArray[np.floating],
-        terminated: bool,
-        allowed: npt.NDArray[np.uint8],
-    ) -> None:
-        """Turn the oldest pending step into a sample."""
-        row, samples = self._head, self.samples
-        self._head = (row + 1) % self._settings.buffer_size
-        self.size = min(self.size + 1, self._settings.buffer_size)
-        samples["discount"][row] = 0.0 if terminated else self._powers[len(pending)]
-        step = pending.popleft()
-        samples["observation"][row] = step.observation
-        samples["action"][row] = step.action
-        samples["reward"][row] = step.reward
-        samples["next_observation"][row] = next_observation
-        samples["imitated"][row] = step.imitated
-        samples["allowed"][row] = allowed
+            row = self._head
+            self._head, self.size = (row + 1) % capacity, min(self.size + 1, capacity)
+            samples["discount"][row] = 0.0 if terminated else self._powers[len(pending)]
+            step = pending.popleft()
+            samples["observation"][row] = step.observation
+            samples["action"][row] = step.action
+            samples["reward"][row] = step.reward
+            samples["next_observation"][row] = next_observation
+            samples["imitated"][row] = step.imitated
+            samples["allowed"][row] = bits
 
     def draw(self, count: int) -> type_I64:
         """Draw positions of samples ``[count]``, uniformly and with replacement."""
@@ -178,12 +160,7 @@ class ReplayBuffer:
     def load_state_dict(
         self, arrays: Mapping[str, npt.NDArray[Any]], meta: Mapping[str, Any]
     ) -> None:
-        """Continue from what `state_dict` returned.
-
-        Raises:
-            RunError: The state belongs to a buffer of other settings, or is incomplete; this
-                buffer is unchanged.
-        """
+        """Continue from what `state_dict` returned; a RunError leaves the buffer unchanged."""
         saved = Saved("replay memory", arrays, meta)
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
@@ -191,7 +168,6 @@ class ReplayBuffer:
         size, head = self._saved_place(saved)
         pending = self._saved_pending(saved)
         state = saved.generator_state("rng", self._rng)
-
         self.size, self._head = size, head
         for name, array in self.samples.items():
             array[:size] = arrays[name]

@@ -33,24 +33,16 @@ _RESTORE: Final = "Restore it from a copy, or train again."
 
 
 class Checkpoint(NamedTuple):
-    """The content of a checkpoint.
-
-    Attributes:
-        arrays: Name → writable array with the saved dtype and shape.
-        meta: The JSON values saved with them.
-    """
+    """The content of a checkpoint: name → writable array as saved, and the JSON values."""
 
     arrays: dict[str, np.ndarray[Any, Any]]
     meta: dict[str, Any]
 
 
 def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically and durably.
+    """Write a checkpoint atomically and durably, in place of an existing one.
 
-    Args:
-        path: The file; an existing one is replaced.
-        arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
-        meta: JSON values with strings as keys; NumPy scalars are allowed.
+    Arrays may have any shape (also 0-d and empty), JSON values may be NumPy scalars.
     """
     # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
     plain = {name: np.asarray(array, order="C") for name, array in arrays.items()}

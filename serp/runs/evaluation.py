@@ -35,10 +35,8 @@ class EvaluationResult:
     """Returns of a policy over some episodes.
 
     Attributes:
-        policy: The policy, as in `serp.Run.evaluate`.
         meaning: A description of the policy under the agent's strategy.
-        returns: The environment's return of each episode.
-        lengths: Steps of each episode.
+        returns, lengths: The environment's return and the steps of each episode.
         terminated: Number of episodes that the environment ended; the others reached a limit.
         unsafe_executed: Number of executed actions that the domain file flags unsafe.
         avoidable_unsafe: Number of those that were executed while another one was not flagged.
@@ -78,20 +76,13 @@ class EvaluationResult:
     @property
     def warning(self) -> str | None:
         """A warning of too few episodes; None if there are enough."""
-        count = len(self.returns)
-        if count >= WINDOW:
+        if (count := len(self.returns)) >= WINDOW:
             return None
-        return (
-            f"These are few episodes ({count}): mean and interval are rough. Take at least "
-            f"{WINDOW}."
-        )
+        rough = f"These are few episodes ({count}): mean and interval are rough."
+        return f"{rough} Take at least {WINDOW}."
 
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON values: the fields, and statistics of the returns.
-
-        These are mean, its 95 % confidence interval, standard deviation (0 for one episode), median
-        and extremes.
-        """
+        """Return JSON values: the fields, and statistics of the returns."""
         returns = np.array(self.returns)
         return {
             **{k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()},
@@ -201,12 +192,12 @@ def evaluate(
 
 def meaning_of(agent: Agent, policy: Policy) -> str:
     """Return a description of a policy of an agent."""
-    if policy == "planner":
-        return "the planner alone"
-    if policy == "learner":
-        return "the learner's choice alone, no veto"
-    choice = agent.strategy.choice
-    return f"{choice}, within the vetoes: a vetoed choice is replaced by the planner's"
+    vetoes = "within the vetoes: a vetoed choice is replaced by the planner's"
+    return {
+        "serp": f"{agent.strategy.choice}, {vetoes}",
+        "planner": "the planner alone",
+        "learner": "the learner's choice alone, no veto",
+    }[policy]
 
 
 def _decisions(agent: Agent, policy: Policy) -> Decide:

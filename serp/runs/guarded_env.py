@@ -45,9 +45,6 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
     Observations are the learner's input (observation and grounded state) as float32 `[F]`; the
     reward is the one that is learned from; actions are 0 ... E-1. A subclass decides what an
     action of the caller leads to.
-
-    Attributes:
-        judge: Judges the steps.
     """
 
     def __init__(self, task: BoundTask, agent: Agent) -> None:
@@ -91,11 +88,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     @property
     def running(self) -> Rollout:
-        """The running episode.
-
-        Raises:
-            gymnasium.error.ResetNeeded: There is none.
-        """
+        """The running episode; without any, `ResetNeeded` is raised."""
         if self._rollout is None or self._rollout.over:
             raise gym.error.ResetNeeded("reset comes before step")
         return self._rollout
@@ -112,26 +105,19 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
 class _Unknown:
     """Stands for a learner whose action is not known yet: proposes any."""
 
-    def propose(self, explorable: Mask | None) -> Proposal:
-        """Propose any action."""
+    def propose(self, explorable: Mask | None = None) -> Proposal:
         return Proposal(0, False)
 
-    def propose_greedily(self) -> Proposal:
-        """Propose any action."""
-        return Proposal(0, False)
+    propose_greedily = propose
 
 
 class ArbitratedEnv(TaskEnv):
     """A task whose actions are proposals: planner, strategy and vetoes decide what is executed.
 
     The strategy is asked before the action is known, and an action counts only if it is the
-    learner's turn. So a strategy that looks at the learner's values cannot be used.
-
-    Args:
-        task: The task.
-        agent: Planner, strategy and arbiter.
-        seed: Seed of the first sequence of episodes; `reset(seed=s)` begins that of s.
-        derive: (seed, number of the episode from 0) → seed of the task's environment.
+    learner's turn. So a strategy that looks at the learner's values cannot be used. `seed` is that
+    of the first sequence of episodes; `reset(seed=s)` begins that of s. `derive` returns the seed
+    of the task's environment for one of these and the number of the episode, from 0.
     """
 
     def __init__(
@@ -319,9 +305,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
     def evaluation(self, seed: int = 0, *, render_mode: str | None = None) -> EvaluationEnv:
         """Return an environment in which the trained policy is evaluated while training goes on.
 
-        Args:
-            seed: Seed of its episodes.
-            render_mode: One of Gymnasium's render modes, if pictures are needed.
+        Its episodes are those of a seed; `render_mode` is one of Gymnasium's.
         """
         bound = self._task.task.bind(render_mode=render_mode)
         return EvaluationEnv(bound, self, seed_of(seed))
@@ -352,12 +336,7 @@ class EvaluationEnv(ArbitratedEnv):
     """The arbiter of a `GuardedEnv` in an environment of its own, without learning anything.
 
     The strategy decides as after training. Proposals should be greedy. The episodes are those of
-    `serp evaluate` with the same seed.
-
-    Args:
-        task: The task, with an environment of its own.
-        training: The environment in which the agent is trained.
-        seed: Seed of the episodes.
+    `serp evaluate` with the same seed. `task` has an environment of its own.
     """
 
     def __init__(self, task: BoundTask, training: GuardedEnv, seed: int) -> None:

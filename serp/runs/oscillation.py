@@ -14,9 +14,8 @@ from serp.runs.run import Run
 from serp.runs.step_account import error_units, in_units, predicted_states
 
 NEWEST: Final = 2_000
-"""Steps at the end of a recording that are looked at."""
 OFTEN: Final = 0.1
-"""Share of these from which a cycle is reported."""
+"""Steps at the end of a recording that are looked at; share of these to report a cycle from."""
 _CLOSE: Final = 0.1
 """Two states are the same if they differ by at most this part of the way between them."""
 

@@ -35,8 +35,7 @@ from serp.tasks.task import Task
 
 NETWORK: Final = "learner.onnx"
 """The network for other programs; written where onnx is installed (extra `export`)."""
-_STEPS, _PAIRS = 1_000, 32
-"""Steps of an episode that is played before the export, and pairs recorded of them."""
+_STEPS, _PAIRS = 1_000, 32  # of an episode that is played before; those recorded of them
 
 Grounding = Callable[[NDArray[np.float64]], "ArrayLike | Mapping[str, float]"]
 
@@ -70,7 +69,14 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
             )
     with run.environment() as task:
         arrays, meta = _state(agent, task)
-        about = _about(agent, task)
+    fluents = [(fluent.name, fluent.numeric) for fluent in task.model.fluents]
+    about = {
+        "choice": f"{agent.strategy.choice}, within the vetoes",
+        "fluents": [{"name": name, "kind": "number" if n else "0 or 1"} for name, n in fluents],
+        "observation": [task.observations.name(k) for k in range(task.observation_size)],
+        "actions": [task.actions.name(action) for action in range(task.actions.size)],
+        "ground_actions": task.actions.groups,
+    }
     make_empty(folder)
     for file in run.copies():
         write_durably(folder / file.name, file.read_bytes())
@@ -106,20 +112,6 @@ def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict
     for k, name in enumerate(("observation", "state")):
         arrays[f"grounding.{name}"] = np.array([pairs[place][k] for place in kept])
     return arrays, meta
-
-
-def _about(agent: Agent, task: BoundTask) -> dict[str, Any]:
-    """Return what people and programs read of a policy."""
-    return {
-        "choice": f"{agent.strategy.choice}, within the vetoes",
-        "fluents": [
-            {"name": fluent.name, "kind": "number" if fluent.numeric else "0 or 1"}
-            for fluent in task.model.fluents
-        ],
-        "observation": [task.observations.name(k) for k in range(task.observation_size)],
-        "actions": [task.actions.name(action) for action in range(task.actions.size)],
-        "ground_actions": task.actions.groups,
-    }
 
 
 class Policy:
@@ -189,9 +181,7 @@ class Policy:
     def check_grounding(self, ground: Grounding, tolerance: float = 1e-6) -> int:
         """Compare a grounding with recorded pairs of observation and state; return their number.
 
-        Args:
-            ground: As in `Policy`.
-            tolerance: Largest difference of a number, absolute and relative.
+        `tolerance` is the largest difference of a number, absolute and relative.
 
         Raises:
             RunError: It gives another state; the message names the first fluent.

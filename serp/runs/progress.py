@@ -25,11 +25,10 @@ _CLOSED: Final = (OSError, ValueError)
 
 
 class Progress:
-    """Shows a training while its body runs.
+    """Shows a training while its body runs, by default on standard error.
 
     The figures are the progress, the return and its trend, who acts, the unsafe actions executed,
-    and the time left. `quiet` shows nothing, except for answers on a terminal. The stream is
-    standard error by default.
+    and the time left. `quiet` shows nothing, except for answers on a terminal.
     """
 
     def __init__(
@@ -120,7 +119,8 @@ class Progress:
             for name in limits or ("env_steps",)
         ]
         if trainer.recent:
-            figures.append(f"return {readable(float(np.mean(trainer.recent)))}{self._trend()}")
+            trend = "" if self._console.options.ascii_only else sparkline(self._returns)
+            figures.append(f"return {readable(float(np.mean(trainer.recent)))} {trend}".rstrip())
         if (steps := now["env_steps"] - before["env_steps"]) > 0:
             figures.append(f"planner acts {percent((planner_now - planner) / steps)}")
         figures.append(f"unsafe {trainer.tally.unsafe_executed:,}")
@@ -130,11 +130,6 @@ class Progress:
             if limit > now[name] > before[name] and end - begin > 0.5  # else it would be noise
         ]
         return ", ".join([*figures, *(f"time left {duration(min(left))}" for _ in left[:1])])
-
-    def _trend(self) -> str:
-        """Return the returns since the display began as a sparkline."""
-        line = "" if self._console.options.ascii_only else sparkline(self._returns)
-        return f" {line}" if line else ""
 
     def _sample(self) -> None:
         trainer = self._trainer

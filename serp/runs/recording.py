@@ -47,42 +47,30 @@ from serp.tasks.action_map import ActionForecast, ActionMap
 
 RECORDING: Final = "recording"
 EVALUATIONS: Final = "evaluations"
-"""Folders in that of a run: its recording, and those of evaluations by their name."""
 HEADER: Final = "recording.json"
 ACTORS: Final = tuple(Actor)
 REASONS: Final = tuple(Reason)
 Columns = dict[str, NDArray[Any]]
 """Name of a column → values `[n]`, `[n, F]` or `[n, E]` of n steps."""
 VETO_COLUMNS: Final = ("proposed_by", "reason")
-"""What `vetoed` is told by."""
 
 _BLOCK_STEPS: Final = 1024
 _NAME: Final = re.compile(r"block-(\d{6,9})\.npz")
 _AGAIN: Final = "Restore it from a copy; metrics.csv and decisions.csv can still be read."
 
 _HUGE: Final = float(np.finfo(np.float64).max)
-_SUMMED: Final = 1e280
-"""Most of what is summed over a recording: the sum is finite, too."""
+_SUMMED: Final = 1e280  # the sum over a recording is finite, too
 
 
 class _Column(NamedTuple):
-    """A column of a block.
-
-    Attributes:
-        kind: Its type.
-        per: What a step has an entry for: `F` fluents, `E` actions of the environment, or neither.
-        of: Attribute of a `StepRecord` that is entered; empty if no attribute is.
-        low: The least that it holds.
-        high: The most, or the list of the layout in which it holds positions.
-        nothing: Whether it may hold NaN, for none.
-    """
+    """A column of a block."""
 
     kind: str
-    per: str
-    of: str
+    per: str  # what a step has an entry for: `F` fluents, `E` actions of the environment, or one
+    of: str  # attribute of a `StepRecord`; empty if it is none
     low: float = -_HUGE
-    high: float | str = _HUGE
-    nothing: bool = False
+    high: float | str = _HUGE  # or the list of the layout in which it holds positions
+    nothing: bool = False  # whether it may hold NaN, for none
 
 
 _COLUMNS: Final[Mapping[str, _Column]] = {
@@ -125,56 +113,41 @@ COLUMNS: Final = tuple(_COLUMNS)
 
 
 class Layout(BaseModel):
-    """What a recording is of, the content of its header."""
+    """What a recording is of, the content of its header.
+
+    Names of the F fluents, the E actions of the environment and the ground actions; of an
+    evaluation what acted, and the seed from which those of its episodes follow; what the numbers
+    of `executed_by`, `proposed_by`, `reason` and `bound` mean.
+    """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
 
     format: Literal[2] = 2
     fluents: tuple[str, ...]
-    """Names of the fluents, F."""
     actions: tuple[str, ...]
-    """Names of the environment's actions, E."""
     ground_actions: tuple[str, ...]
-    """Names of the ground actions."""
     control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     """Seconds between two decisions."""
     policy: str | None = None
-    """What acted, of an evaluation."""
     seed: Annotated[int, Field(ge=0)] | None = None
-    """Seed of an evaluation, from which those of its episodes follow."""
     actors: tuple[str, ...] = tuple(map(str, ACTORS))
-    """What the numbers of `executed_by` and `proposed_by` mean."""
     reasons: tuple[str, ...] = tuple(map(str, REASONS))
-    """What the numbers of `reason` mean."""
     bounds: tuple[str, ...] = tuple(bound.name.lower() for bound in Bound)
-    """What the numbers of `bound` mean."""
 
     @classmethod
-    def of(
-        cls,
-        model: TransitionModel,
-        actions: ActionMap,
-        *,
-        policy: str | None = None,
-        seed: int | None = None,
-    ) -> Layout:
+    def of(cls, model: TransitionModel, actions: ActionMap, **evaluation: Any) -> Layout:
         """Return the layout for the steps of a task; policy and seed are those of an evaluation."""
         return cls(
             fluents=tuple(fluent.name for fluent in model.fluents),
             actions=tuple(actions.name(k) for k in range(actions.size)),
             ground_actions=tuple(action.name for action in model.actions),
             control_period=model.dt,
-            policy=policy,
-            seed=seed,
+            **evaluation,
         )
 
     @classmethod
     def read(cls, folder: Path) -> Layout:
-        """Read the header of a recording.
-
-        Raises:
-            RunError: It is missing, damaged, or that of another version.
-        """
+        """Read the header of a recording; a RunError if it is missing, damaged, or too old."""
         file = folder / HEADER
         try:
             found = cls.model_validate_json(json.dumps(read_json(file, _AGAIN)))
@@ -191,12 +164,8 @@ class Layout(BaseModel):
     @property
     def block(self) -> int:
         """Number of steps of a block, which takes about 1 MiB; the last may have fewer."""
-        block_bytes = 1 << 20
-        size = sum(
-            np.dtype(column.kind).itemsize * int(np.prod(self.shape(name, 1)))
-            for name, column in _COLUMNS.items()
-        )
-        return min(_BLOCK_STEPS, max(16, block_bytes // size))
+        size = sum(column.nbytes for column in self.empty(1).values())
+        return min(_BLOCK_STEPS, max(16, (1 << 20) // size))
 
     def shape(self, name: str, steps: int) -> tuple[int, ...]:
         """Return the shape of a column of so many steps."""
@@ -205,10 +174,7 @@ class Layout(BaseModel):
 
     def empty(self, steps: int) -> Columns:
         """Return columns of zeros."""
-        return {
-            name: np.zeros(self.shape(name, steps), column.kind)
-            for name, column in _COLUMNS.items()
-        }
+        return {name: np.zeros(self.shape(name, steps), c.kind) for name, c in _COLUMNS.items()}
 
 
 def block_path(folder: Path, number: int) -> Path:
@@ -232,11 +198,7 @@ def encode(columns: Columns) -> bytes:
 
 
 def decode(file: Path, layout: Layout, names: Iterable[str] = COLUMNS) -> Columns:
-    """Read columns of a block.
-
-    Raises:
-        RunError: The file is missing or not what `encode` wrote for this layout.
-    """
+    """Read columns of a block; a RunError unless they are what `encode` wrote for this layout."""
     found: Columns = {}
     try:
         data = io.BytesIO(read_regular(file, 1 << 28, _AGAIN))
@@ -310,13 +272,7 @@ class Recording:
     """The steps that a run, or an evaluation of it, recorded.
 
     Blocks are read when they are needed. A recording that is being written can be read, up to its
-    last complete block or flush.
-
-    Args:
-        folder: The folder with `recording.json`.
-
-    Attributes:
-        layout: Names and sizes.
+    last complete block or flush. Its folder has `recording.json`, whose content is the `layout`.
 
     Raises:
         RunError: There is no recording there, or it is damaged.
@@ -345,10 +301,7 @@ class Recording:
         return found
 
     def columns(self, *names: str, newest: int | None = None) -> Columns:
-        """Return columns of all steps, or of the newest: name → `[N, ...]`.
-
-        docs/reference/run-folder.md has all names.
-        """
+        """Return columns (docs/reference/run-folder.md) of all or the newest steps, `[N, ...]`."""
         first = 0 if newest is None else max(0, len(self) - newest)
         begin = first // self.layout.block
         parts = [self._read_block(number, names) for number in range(begin, len(self._files))]
@@ -362,11 +315,7 @@ class Recording:
         numbers = self.columns("episode")["episode"]
         order = np.argsort(numbers, kind="stable")
         names, starts = np.unique(numbers[order], return_index=True)
-        return (
-            dict(zip(names.tolist(), np.split(order, starts[1:]), strict=True))
-            if len(order)
-            else {}
-        )
+        return dict(zip(names.tolist(), np.split(order, starts)[1:], strict=True))
 
     @functools.cached_property
     def ranges(self) -> tuple[Vector, Vector]:
@@ -390,11 +339,7 @@ class Recording:
         return change
 
     def step(self, step: int) -> StoredStep:
-        """Return a step by its position.
-
-        Raises:
-            RunError: There is no such step.
-        """
+        """Return a step by its position, or raise a RunError."""
         if not 0 <= step < len(self):
             there = f"steps 0 to {len(self) - 1:,}" if len(self) else "no steps yet"
             raise RunError(f"there is no step {step:,}: {self.folder} holds {there}.")
@@ -416,11 +361,7 @@ class Recording:
         return StoredStep(step=step, decision=decision, **{name: at(name) for name in own})
 
     def find(self, episode: int, number: int) -> int:
-        """Return the position of a step of an episode, both from 1.
-
-        Raises:
-            RunError: There is no such episode, or no such step in it.
-        """
+        """Return the position of a step of an episode, both from 1, or raise a RunError."""
         steps = self.episodes.get(episode)
         if steps is None:
             last = max(self.episodes, default=0)
@@ -435,26 +376,14 @@ class Recording:
 
 
 def vetoed(columns: Columns) -> NDArray[np.bool_]:
-    """Return `[n]` whether a proposal was refused in each step, see `Decision.vetoed`.
-
-    Args:
-        columns: Those of `VETO_COLUMNS`.
-    """
+    """Return `[n]` whether a proposal was refused in each step, by the `VETO_COLUMNS`."""
     by_planner = columns["proposed_by"] == ACTORS.index(Actor.PLANNER)
     accepted = columns["reason"] == REASONS.index(Reason.ACCEPTED)
     return np.asarray(~(by_planner | accepted))
 
 
 def open_recording(run: Path, evaluation: str | None = None) -> Recording:
-    """Open the recording of a run, or of one of its evaluations.
-
-    Args:
-        run: The folder of the run.
-        evaluation: The name of the evaluation, such as `serp-seed0`; None: that of the training.
-
-    Raises:
-        RunError: There is none.
-    """
+    """Open the recording in the folder of a run, or of an evaluation such as `serp-seed0`."""
     if evaluation is not None:
         found = evaluations_of(run)
         if evaluation not in found:
@@ -482,12 +411,7 @@ class Recorder(Closing):
     """Writes the steps of a recording, one after another. A context manager.
 
     Steps are written where a block is full, at `flush` and at `close`. Only the last block is ever
-    written again.
-
-    Args:
-        folder: The folder of the recording; it is made.
-        layout: What is recorded.
-        steps: Steps to keep of what has been recorded there; the rest is removed.
+    written again. Of what has been recorded in the folder, so many `steps` are kept.
 
     Raises:
         RunError: There are fewer steps, they are of another layout, or the disk fails.
@@ -521,18 +445,12 @@ class Recorder(Closing):
                 "are missing. Restore them from a copy, or begin a new run with another --out."
             )
         if self._rows:
-            for name, values in decode(
-                block_path(self._folder, self._number), self._layout
-            ).items():
+            last = decode(block_path(self._folder, self._number), self._layout)
+            for name, values in last.items():
                 self._columns[name][: self._rows] = values[: self._rows]
 
     def append(self, episode: int, step: StepRecord) -> None:
-        """Add a step; nothing of it is kept that may change afterwards.
-
-        Args:
-            episode: Number of the episode, from 1.
-            step: The step.
-        """
+        """Add a step of an episode, from 1; nothing of it is kept that may change afterwards."""
         columns, row = self._columns, self._rows
         columns["episode"][row] = episode
         for name, positions, value in zip(_ENTERED, _POSITIONS, _entries(step), strict=True):

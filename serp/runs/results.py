@@ -35,24 +35,21 @@ def lead(summary: Mapping[str, Any]) -> str:
     if not summary["episodes"]:
         return "No episode has ended yet."
     result = "was" if summary["return"]["last_20"] is None else "went"
-    unsafe = f"Unsafe actions executed: {summary['unsafe_executed']:,}."
-    unsafe += f" Steps that came out unsafe: {summary['unsafe_observed']:,}."
     return (
         f"{plural(summary['episodes'], 'episode')}, "
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
-        f"The mean return {result} {return_of(summary)}. {unsafe}"
+        f"The mean return {result} {return_of(summary)}. "
+        f"Unsafe actions executed: {summary['unsafe_executed']:,}. "
+        f"Steps that came out unsafe: {summary['unsafe_observed']:,}."
     )
 
 
 def write_results(
-    run: Run,
-    vetoes_by_reason: Mapping[str, int],
-    account: Mapping[str, Any] | None = None,
+    run: Run, vetoes_by_reason: Mapping[str, int], account: Mapping[str, Any] | None = None
 ) -> None:
-    """Write ``summary.json``, ``learning-curve.png`` and ``learning-curve.svg``.
+    """Write ``summary.json`` (see `summarize`) and ``learning-curve.png`` and ``.svg``.
 
-    Without matplotlib there is no learning curve, and a `Notice` is issued. The arguments are those
-    of `summarize`.
+    Without matplotlib there is no learning curve, and a `Notice` is issued.
     """
     metrics = read_metrics(run.path / METRICS)
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes_by_reason, account))

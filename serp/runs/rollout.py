@@ -17,18 +17,14 @@ from serp.tasks.task import Judge
 from serp.tasks.wrapper_state import has_statistics
 
 
-def training_seed(seed: int, episode: int) -> int:
+def training_seed(seed: int, episode: int, use: int = 1) -> int:
     """Return the environment's seed for an episode, from 0, of a training."""
-    return _seed(seed, 1, episode)
+    return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
 
 
 def evaluation_seed(seed: int, episode: int) -> int:
     """Return the environment's seed for an episode, from 0, of an evaluation."""
-    return _seed(seed, 2, episode)
-
-
-def _seed(seed: int, use: int, episode: int) -> int:
-    return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
+    return training_seed(seed, episode, use=2)
 
 
 class Rollout:
@@ -36,14 +32,7 @@ class Rollout:
 
     It counts steps and truncates the episode at `training.episode_steps` itself: Gymnasium's
     `TimeLimit` and `RecordEpisodeStatistics` would add layers to the wrapper state of every
-    checkpoint, mark terminated steps as truncated, and write into `info`, which belongs to the
-    task.
-
-    Args:
-        task: The task, whose environment is reset.
-        agent: Who acts; it takes in what is perceived, and begins an episode, too.
-        judge: Judges the steps.
-        seed: Seed of the environment.
+    checkpoint, mark terminated steps as truncated, and write into the task's `info`.
 
     Attributes:
         state: Current state `[F]`.
@@ -52,13 +41,7 @@ class Rollout:
         totals: The totals of the episode so far.
     """
 
-    def __init__(
-        self,
-        task: BoundTask | RemoteTask,
-        agent: Agent,
-        judge: Judge,
-        seed: int,
-    ) -> None:
+    def __init__(self, task: BoundTask | RemoteTask, agent: Agent, judge: Judge, seed: int) -> None:
         self._task, self._judge, self._take_in = task, judge, agent.take_in
         self._limit = agent.settings.training.episode_steps
         self.totals = EpisodeTotals()
@@ -108,27 +91,18 @@ class Rollout:
 
 
 class RolloutEnv:
-    """One of the environments of a training, and the episode that runs in it.
-
-    Args:
-        index: Its index, from 0.
-        task: The task with this environment.
+    """One of the environments of a training, by its index, and the episode that runs in it.
 
     Attributes:
-        index, task: As given.
-        seed: The environment's seed in the episode.
-        episode: Number of the episode, from 0, in the order in which episodes begin.
+        episode, seed: Number, from 0, in the order in which episodes begin; seed of its reset.
         random: Whether the episode is a part of the initial data D₀.
-        rollout: The episode; None until its reset is done.
-        decision: The decision that is executed next; None before the first one.
-        losses: Losses of the learner after steps of the episode.
     """
 
     def __init__(self, index: int, task: BoundTask | RemoteTask) -> None:
         self.index, self.task = index, task
         self.episode, self.seed, self.random = 0, 0, False
-        self.rollout: Rollout | None = None
-        self.decision: Decision | None = None
+        self.rollout: Rollout | None = None  # until its reset is done
+        self.decision: Decision | None = None  # that is executed next
         self.losses: list[float] = []
 
     def begin(self, episode: int, seed: int, *, random: bool) -> None:
@@ -148,8 +122,6 @@ class RolloutEnv:
 @contextlib.contextmanager
 def rollout_envs(task: BoundTask, count: int) -> Iterator[list[RolloutEnv]]:
     """Yield the environments of a training: that of the task, or `count` in their own processes.
-
-    Those are closed at the end.
 
     Raises:
         SettingsError: The environments would normalise differently.

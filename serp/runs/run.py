@@ -72,12 +72,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
 class Run(Closing):
     """A run on the disk. Only acting in its environment needs the task that it was trained on.
 
-    A context manager, at whose end another process may write the run.
-
-    Args:
-        path: Its folder.
-        task: The task that it was trained on; by default the installed task of its name, or the
-            world of its own files, when it is needed.
+    A context manager, at whose end another process may write the run. See `load_run`.
 
     Attributes:
         path: Its folder.
@@ -106,10 +101,7 @@ class Run(Closing):
         budget: Budget,
         baseline: bool = False,
     ) -> Run:
-        """Begin a run in a new or empty folder, and lock it for writing.
-
-        After a failure, the run can be begun again in the same folder.
-        """
+        """Begin a run in a new or empty folder, also after a failure; lock it for writing."""
         config = RunConfig(
             task=task.name,
             domain=task.domain.name,
@@ -157,10 +149,9 @@ class Run(Closing):
         return f"Run({str(self.path)!r})"
 
     @property
-    def config(self) -> dict[str, Any]:
-        """The resolved configuration."""
-        config: dict[str, Any] = self.metadata["config"]
-        return config
+    def config(self) -> Any:
+        """The resolved configuration, as JSON values by name."""
+        return self.metadata["config"]
 
     @property
     def metrics(self) -> dict[str, NDArray[Any]]:
@@ -168,11 +159,7 @@ class Run(Closing):
         return read_metrics(self.table(METRICS, self.checkpoint if self.has_checkpoint else None))
 
     def table(self, name: str, checkpoint: Checkpoint | None) -> Path:
-        """Return the path of a table of the run.
-
-        Raises:
-            RunError: It is not what the run had written when it saved the checkpoint.
-        """
+        """Return the path of a table, which is as the run had written it at the checkpoint."""
         path, saved = self.path / name, Saved("run", *(checkpoint or ({}, {})))
         if saved.has("tables"):  # an exported policy has none
             written = Saved(name, *Saved("tables", *saved.part("tables")).part(name))
@@ -186,11 +173,7 @@ class Run(Closing):
 
     @property
     def summary(self) -> dict[str, Any]:
-        """The content of `summary.json`.
-
-        Raises:
-            RunError: The run has not ended yet.
-        """
+        """The content of `summary.json`; a RunError if the run has not ended yet."""
         return read_json(self.path / SUMMARY, "It is written when the run ends.")
 
     def copies(self) -> list[Path]:
@@ -206,12 +189,7 @@ class Run(Closing):
 
     @functools.cached_property
     def domain(self) -> Domain:
-        """The run's copy of the domain.
-
-        Raises:
-            RunError: It was changed since the run began.
-            DomainError: It is damaged.
-        """
+        """The run's copy of the domain; a RunError or DomainError if it was changed since."""
         _ = self.has_checkpoint and self.checkpoint  # refuses changes
         return self._parsed()
 
@@ -222,12 +200,7 @@ class Run(Closing):
 
     @functools.cached_property
     def task(self) -> Task:
-        """The task, with the domain, control period and reward as the run has them.
-
-        Raises:
-            RunError: The given task is another one.
-            TaskError: It is not installed.
-        """
+        """The task, with the domain, control period and reward as the run has them."""
         made, task = self.made, self._task
         if task is not None and task.name not in (None, made.task):
             raise RunError(f"{self.path} is a run of task {made.task}, not of {task.name}")
@@ -238,13 +211,9 @@ class Run(Closing):
             assert made.world is not None
             task = world_task(domain, made.world, made.control_period)
         return dataclasses.replace(
-            task,
-            domain=domain,
-            problem=None,
-            name=made.task,
-            reward=made.reward,
+            task, domain=domain, problem=None, name=made.task, reward=made.reward,
             dt=made.control_period,
-        )
+        )  # fmt: skip
 
     def digests(self) -> dict[str, str]:
         """Return digests of the domain files and of the configuration except the budget."""
@@ -263,8 +232,7 @@ class Run(Closing):
         """Read the checkpoint.
 
         Raises:
-            RunError: There is none, it is damaged, or a domain file or the configuration is another
-                than the training began with.
+            RunError: There is none, it is damaged, or file or configuration were changed since.
         """
         checkpoint = load(self.path / CHECKPOINT)
         _, before = Saved("run", {}, checkpoint.meta).part("made_of")
@@ -294,11 +262,7 @@ class Run(Closing):
 
     @functools.cached_property
     def agent(self) -> Agent:
-        """The agent as of the checkpoint.
-
-        Raises:
-            RunError: There is no intact checkpoint, or the run's files were changed since.
-        """
+        """The agent as of the checkpoint; see `read_checkpoint`."""
         checkpoint = self.checkpoint
         # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
@@ -310,13 +274,8 @@ class Run(Closing):
 
     @functools.cached_property
     def adaptation(self) -> ModelAdaptation:
-        """What the checkpoint has learned of the model.
-
-        Raises:
-            RunError: There is no intact checkpoint.
-        """
-        # Nothing is drawn after loading, so any seed will do.
-        unused = np.random.SeedSequence(0)
+        """What the checkpoint has learned of the model; see `read_checkpoint`."""
+        unused = np.random.SeedSequence(0)  # nothing is drawn after loading
         adaptation = ModelAdaptation(self.model, self.made.settings.adaptation, unused)
         adaptation.load_state_dict(*self.saved_agent.part("adaptation"))
         return adaptation
@@ -404,8 +363,7 @@ class Run(Closing):
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes.
-                None of them explores.
+                vetoes. None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.
             record: Record the steps in the run's folder, as `evaluations/<policy>-seed<seed>`.
@@ -428,10 +386,7 @@ class Run(Closing):
             )  # fmt: skip
 
     def recording(self, evaluation: str | None = None) -> Recording:
-        """Return the recorded steps of the training, or of an evaluation.
-
-        Args:
-            evaluation: The name of the evaluation: `<policy>-seed<seed>`.
+        """Return the recorded steps of the training, or of the evaluation `<policy>-seed<seed>`.
 
         Raises:
             RunError: There are none, they are damaged, or of another domain.
@@ -471,10 +426,7 @@ class Run(Closing):
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:
         """Yield the task in a new environment with the running statistics of the training.
 
-        The environment is closed at the end.
-
-        Args:
-            render_mode: One of Gymnasium's render modes, if pictures are needed.
+        `render_mode` is one of Gymnasium's, if pictures are needed.
 
         Raises:
             SerpError: The task cannot be loaded, or does not draw.

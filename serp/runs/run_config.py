@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import functools
 import importlib.metadata
@@ -108,10 +109,7 @@ class _Metadata(BaseModel):
 def write_metadata(folder: Path, config: RunConfig, domain_files: Mapping[str, str]) -> None:
     """Write the ``config.json`` of a run that begins, on this machine by this command.
 
-    Args:
-        folder: The folder of the run.
-        config: What the training is made of.
-        domain_files: Name of each copy in the run → name of the original file.
+    `domain_files` are the name of each copy in the run → name of the original file.
     """
     metadata = {
         "format": FORMAT,
@@ -159,27 +157,19 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         ) from None
 
 
+_PACKAGES: Final = (
+    "serp", "numpy", "torch", "gymnasium", "scipy", "unified-planning", "networkx", "pymunk",
+    "safetensors", "stable-baselines3",
+)  # fmt: skip
+
+
 @functools.cache
 def versions() -> Mapping[str, str | None]:
     """Return distribution → installed version (None if not installed), without importing any."""
-    packages = (
-        "serp",
-        "numpy",
-        "torch",
-        "gymnasium",
-        "scipy",
-        "unified-planning",
-        "networkx",
-        "pymunk",
-        "safetensors",
-        "stable-baselines3",
-    )
-    found: dict[str, str | None] = {}
-    for name in packages:
-        try:
+    found: dict[str, str | None] = dict.fromkeys(_PACKAGES)
+    for name in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = None
     return found
 
 

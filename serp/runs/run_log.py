@@ -21,14 +21,7 @@ from serp.tasks.environment import BoundTask
 class RunLog(Closing):
     """Writes the steps and episodes of a training: tables and recording. A context manager.
 
-    Args:
-        folder: The folder of the run.
-        task: The task.
-        env_steps, episodes: Env steps and episodes that the run has made before; what was written
-            of later ones is removed.
-
-    Attributes:
-        metrics: The table of the episodes.
+    What was written after the `env_steps` and `episodes` that the run has made is removed.
 
     Raises:
         RunError: Less than that is there, it is of another run, or the disk fails.
@@ -65,18 +58,12 @@ class RunLog(Closing):
 
 
 class Bookkeeping:
-    """The steps, the episodes and the time of a training.
-
-    Attributes:
-        episode, env_steps: Numbers of complete episodes and of env steps.
-        tally: Counts over all steps.
-        log: Where steps and episodes are written; None for nowhere.
-    """
+    """The numbers of complete episodes and of steps, counts over these, and the time so far."""
 
     def __init__(self) -> None:
         self.episode = self.env_steps = 0
         self.tally = DecisionCounts()
-        self.log: RunLog | None = None
+        self.log: RunLog | None = None  # where steps and episodes are written
         self._wall_before, self._clock = 0.0, time.monotonic()
 
     @property
@@ -101,12 +88,9 @@ class Bookkeeping:
         self.env_steps += 1
 
     def record_episode(
-        self,
-        totals: EpisodeTotals,
-        rho: float,
-        epsilon: float | None = None,
+        self, totals: EpisodeTotals, rho: float, epsilon: float | None = None,
         losses: Sequence[float] = (),
-    ) -> MetricsRow:
+    ) -> MetricsRow:  # fmt: skip
         """Count and write an episode; return its row of the metrics."""
         self.episode += 1
         own = {name: getattr(totals, name) for name in MetricsRow._fields if hasattr(totals, name)}

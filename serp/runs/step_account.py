@@ -7,6 +7,7 @@ the same choice in this state, see `agreeing_planner`. Where none does, it is le
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
@@ -35,23 +36,14 @@ from serp.tasks.action_map import ActionForecast, ActionMap
 
 @dataclass(frozen=True)
 class PredictedFluent:
-    """One fluent, predicted one step ahead, and observed.
-
-    Attributes:
-        fluent: Its name.
-        before: Its value before the step.
-        predicted: What the file as written predicts; None where it predicts nothing.
-        observed: Its value after the step.
-        error: Size of the error in the units of `error_units`; 0 where nothing is predicted.
-        learned: What the model of the newest checkpoint predicts, where that is something else.
-    """
+    """One fluent, predicted one step ahead, and observed."""
 
     fluent: str
     before: float | bool
-    predicted: float | bool | None
+    predicted: float | bool | None  # by the file as written, if it predicts anything
     observed: float | bool
-    error: float
-    learned: float | bool | None = None
+    error: float  # in the units of `error_units`; 0 where nothing is predicted
+    learned: float | bool | None = None  # by the newest checkpoint, where that is something else
 
 
 def predictions_of(run: Run, recording: Recording, step: StoredStep) -> list[PredictedFluent]:
@@ -80,13 +72,7 @@ def _predicted(model: TransitionModel, state: Vector, ground: int) -> dict[str, 
 
 
 def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the states `[n, F]` one step ahead; NaN where the model predicts none.
-
-    Args:
-        model: The model.
-        states: `[n, F]`.
-        actions: `[n]` ground actions; -1 where the model does not know the action.
-    """
+    """Return the states `[n, F]` one step ahead; NaN where there is none, or no action (-1)."""
     found, known = np.full_like(states, np.nan), actions >= 0
     if known.any():
         found[known] = predictions(model, states[known], actions[known])
@@ -96,10 +82,7 @@ def predicted_states(model: TransitionModel, states: Vector, actions: NDArray[np
 def error_units(model: TransitionModel, usual: Vector, predicted: Vector) -> Vector:
     """Return the units `[F]` of errors one step ahead; those of predicates are 1.
 
-    Args:
-        model: The model.
-        usual: What each fluent usually changes by in a step (root mean square).
-        predicted: What it is predicted to change by, which counts where it never changes.
+    They are the usual change of each fluent in a step (root mean square), or the predicted one.
     """
     numeric = np.array([fluent.numeric for fluent in model.fluents], np.bool_)
     units = np.where(usual > 0.0, usual, predicted)
@@ -116,11 +99,8 @@ def in_units(differences: Vector, units: Vector) -> Vector:
 def most_telling(recording: Recording) -> tuple[int, str]:
     """Return the step of the newest veto, and why it is shown.
 
-    Without a veto it is the newest unsafe step, else the last one. A veto for harm, risk or reward
-    tells more than one of a proposal that is not applicable.
-
-    Raises:
-        RunError: There is no step yet.
+    Without a veto it is the newest unsafe step, else the last one; without any, a RunError. A veto
+    for harm, risk or reward tells more than one of a proposal that is not applicable.
     """
     columns = recording.columns(*VETO_COLUMNS, "unsafe")
     refused = vetoed(columns)
@@ -142,20 +122,18 @@ class StepAccount:
     """The account of a recorded step.
 
     Attributes:
-        step: The step, with its decision.
         time: Time since the episode began, such as `3 min 12 s`.
         account: Alternatives with the recorded values, causes and runner-up.
         was_planned: Whether the planner planned. If not, it only checked which actions are safe,
             and the forecast of the step is that of `ahead_by`.
         ahead_by: With what it was planned again, for what lies ahead and what would have had to
             differ; empty where nothing makes the same choice.
-        other_choices: Changes of one fluent with which the planner chooses another action.
-        other_vetoes: Changes of one fluent with which the proposal would not have been refused.
+        other_choices, other_vetoes: Changes of one fluent with which the planner chooses another
+            action, or with which the proposal would not have been refused.
         predictions: The fluents, the largest error first; empty where the next state is unknown.
         domain_reward: The reward that the file as written gives for what was observed; None where
             the next state is unknown, or the file cannot judge it.
         observed: What of the file is behind that, and behind an unsafe step or an end.
-        unsafe: Whether what was observed is unsafe by the file.
     """
 
     step: StoredStep
@@ -207,16 +185,7 @@ class StepAccount:
 
 
 def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
-    """Return the account of a recorded step.
-
-    Args:
-        run: The run.
-        recording: The recording, of the run or of an evaluation of it.
-        step: Its position in the recording.
-
-    Raises:
-        RunError: There is no such step, or its recording is damaged.
-    """
+    """Return the account of a step by its position in a recording of the run, or a RunError."""
     stored = recording.step(step)
     decision, state = stored.decision, stored.state
     ground: list[int] = decision.forecast.ground.tolist()
@@ -244,7 +213,12 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         names=recording.layout.actions, ground=ground, paths=paths,
         discount=run.made.settings.planner.discount,
     )  # fmt: skip
-    observed, domain_reward, unsafe = _judged(run, stored, ground[decision.action])
+    observed: list[Cause] = []
+    domain_reward, unsafe = None, stored.unsafe
+    with contextlib.suppress(StateError):
+        own = ground[decision.action]
+        observed, judged = observed_causes(run.model, state, own, stored.next_state)
+        domain_reward, unsafe = judged.reward, judged.unsafe or unsafe
     return StepAccount(
         step=stored,
         time=duration((stored.number - 1) * recording.layout.control_period),
@@ -258,18 +232,6 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         observed=tuple(observed),
         unsafe=unsafe,
     )
-
-
-def _judged(run: Run, step: StoredStep, ground: int) -> tuple[list[Cause], float | None, bool]:
-    """Return causes, reward and flag of what was observed, by the file as written."""
-    try:
-        causes, judged = observed_causes(run.model, step.state, ground, step.next_state)
-    except StateError:
-        return [], None, step.unsafe
-    return causes, judged.reward, judged.unsafe or step.unsafe
-
-
-# Planning again ----------------------------------------------------------------------------------
 
 
 _SECONDS: Final = 4.0
@@ -353,9 +315,6 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
 
 
-# Sentences ----------------------------------------------------------------------------------------
-
-
 def heading(account: StepAccount) -> str:
     """Return which step it is: `step 1,204, that is step 37 of episode 12, after 14.4 s`."""
     of, time = account.step, account.time
@@ -401,9 +360,8 @@ def what_would_differ(account: StepAccount) -> list[str]:
 
 def prediction_line(each: PredictedFluent) -> str:
     """Return an error of a prediction as a line."""
-    line = (
-        f"{each.fluent}: {readable(each.predicted)} predicted, {readable(each.observed)} observed"
-    )
+    line = f"{each.fluent}: {readable(each.predicted)} predicted, "
+    line += f"{readable(each.observed)} observed"
     if not isinstance(each.observed, bool):
         line += f", error: {percent(each.error)} of a typical change"
     if each.learned is not None:

@@ -11,31 +11,25 @@ from serp.agent.step_record import SAFETY, STEPS_BY, sight_of, total
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
-_BINS = 200
 
-_FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
-Metrics = Mapping[str, np.ndarray[Any, Any]]
+Array = np.ndarray[Any, Any]
+Metrics = Mapping[str, Array]
 """Column of ``metrics.csv`` → array ``[episodes]``."""
 
 
-def moving_mean(values: np.ndarray[Any, Any]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def moving_mean(values: Array) -> Array:
     """Return the mean over the last `WINDOW` values (over fewer at the beginning), both ``[n]``."""
     sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
     ends = np.arange(1, len(values) + 1)
     starts = np.maximum(ends - WINDOW, 0)
-    means: np.ndarray[tuple[int], np.dtype[np.float64]] = (sums[ends] - sums[starts]) / (
-        ends - starts
-    )
+    means: Array = (sums[ends] - sums[starts]) / (ends - starts)
     return means
 
 
-def moving_interval(
-    values: np.ndarray[Any, Any],
-) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Return the ends of the 95 % interval of each `moving_mean`, ``[n]`` each.
+def moving_interval(values: Array) -> tuple[Array, Array]:
+    """Return the ends of Student's 95 % interval of each `moving_mean`, ``[n]`` each.
 
-    Student's interval, no wider than the values that the mean is of: a return that nothing exceeds
-    is not exceeded by its interval.
+    It is no wider than the values that the mean is of.
     """
     from scipy.special import stdtrit
 
@@ -54,10 +48,8 @@ def moving_interval(
     )
 
 
-def binned_shares(
-    metrics: Metrics,
-) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
-    """Return the shares of executed actions by actor, in at most `_BINS` bins of episodes.
+def binned_shares(metrics: Metrics) -> tuple[Array, dict[str, Array]]:
+    """Return the shares of executed actions by actor, in at most 200 bins of episodes.
 
     Returns:
         The env step in the middle of each bin ``[bins]`` (the outermost ones moved to the ends of
@@ -67,7 +59,7 @@ def binned_shares(
     if not len(lengths):
         return np.zeros(0), {actor: np.zeros(0) for actor in STEPS_BY}
     # Bins of equal env steps; an episode belongs to the bin in which it ends.
-    width = max(ends[-1] / _BINS, 1.0)
+    width = max(ends[-1] / 200, 1.0)
     _, first = np.unique(np.floor((ends - 1) / width), return_index=True)
     total = np.add.reduceat(lengths, first)
     shares = {
@@ -91,11 +83,8 @@ def summarize(
 ) -> dict[str, Any]:
     """Summarise a run.
 
-    Args:
-        metrics: What `serp.runs.tables.read_metrics` returns.
-        config: The resolved configuration, a part of which is repeated.
-        vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
-        account: What `serp.agent.agent.account_of` returns, which is repeated.
+    `vetoes_by_reason` are reason → proposals refused for it, `account` is what
+    `serp.agent.agent.account_of` returns. It is repeated, as is a part of the configuration.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of all episodes, of the first
@@ -109,8 +98,9 @@ def summarize(
     episodes = len(metrics["episode"])
     steps = int(metrics["env_steps"][-1]) if episodes else 0
     seconds = float(metrics["wall_time"][-1]) if episodes else 0.0
-    summary: dict[str, Any] = {key: settings[key] for key in _FROM_CONFIG if key in settings}
-    summary |= {
+    repeated = ("domain", "preset", "seed", "learned_from", "file_rewards")
+    return {
+        **{key: settings[key] for key in repeated if key in settings},
         "episodes": episodes,
         "env_steps": steps,
         "wall_time": seconds,
@@ -130,10 +120,9 @@ def summarize(
         "sight": sight_of(counts, steps),
         **(account or {}),
     }
-    return summary
 
 
-def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> dict[str, Any]:
+def _means(returns: Array, env_steps: Array) -> dict[str, Any]:
     count, best = len(returns), WINDOW - 1
     if count >= WINDOW:
         means = moving_mean(returns)

@@ -26,10 +26,7 @@ from serp.errors import RunError
 
 
 class MetricsRow(NamedTuple):
-    """One episode: a row of ``metrics.csv``, whose columns docs/reference/run-folder.md explains.
-
-    None is an empty cell.
-    """
+    """One episode: a row of ``metrics.csv``, see docs/reference/run-folder.md; None: no cell."""
 
     episode: int
     env_steps: int
@@ -107,12 +104,9 @@ DECISIONS_COLUMNS = _columns(DecisionRow)
 
 
 class Table(Closing):
-    """Writes one CSV file with fixed columns.
+    """Writes one CSV file with fixed columns; it is made with its header, if it is missing.
 
-    Args:
-        path: The file; it is made with its header, if it is missing.
-        columns: The names of its columns.
-        rows: Rows to keep of what it holds, which has as many; the rest is removed.
+    Of the rows that it holds, so many are kept.
 
     Raises:
         RunError: It has other columns, or the disk fails.

@@ -61,8 +61,7 @@ class Stopping:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._since = 0.0
-        self._answered = False
+        self._since, self._answered = 0.0, False
 
     @property
     def requested(self) -> bool:

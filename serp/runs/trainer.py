@@ -6,6 +6,7 @@ import contextlib
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -28,28 +29,17 @@ OnEpisode = Callable[[MetricsRow], None]
 
 
 class Callbacks:
-    """Calls the functions of the user until one of them fails.
+    """Calls the functions of the user until one of them fails, see `failure`.
 
-    A failure does not interrupt the episode, because a run is saved between episodes only.
-
-    Attributes:
-        failure: What a function raised; no function is called after that.
+    That does not interrupt the episode, because a run is saved between episodes only.
     """
 
     def __init__(self, on_step: OnStep | None = None, on_episode: OnEpisode | None = None) -> None:
         for name, function in (("on_step", on_step), ("on_episode", on_episode)):
             if function is not None and not callable(function):
                 raise SettingsError(f"{name} must be a function of one argument, not {function!r}")
-        self._on_step, self._on_episode = on_step, on_episode
         self.failure: Exception | None = None
-
-    def step(self, record: StepRecord) -> None:
-        """Call `on_step`."""
-        self._call(self._on_step, record)
-
-    def episode(self, row: MetricsRow) -> None:
-        """Call `on_episode`."""
-        self._call(self._on_episode, row)
+        self.step, self.episode = partial(self._call, on_step), partial(self._call, on_episode)
 
     def _call(self, function: Callable[[Any], None] | None, record: Any) -> None:
         if function is not None and self.failure is None:
@@ -74,25 +64,16 @@ class Trainer(Bookkeeping, Closing):
     `load_state_dict(state)` with JSON values.
 
     Attributes:
-        environments: The environments.
-        judge: Judges the steps.
         under_way: Number of the current env step, from 1.
         recent: Returns of the last 20 episodes.
         on_step: If set, called with every env step, after learning from it.
     """
 
     def __init__(
-        self,
-        task: BoundTask,
-        settings: Settings,
-        seed: int,
-        *,
-        baseline: bool = False,
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
     ) -> None:
         super().__init__()
-        self.task = task
-        self.settings = settings
-        self.seed = seed
+        self.task, self.settings, self.seed = task, settings, seed
         self.judge = Judge(task, settings)
         try:
             self.agent = Agent(task, settings, seed, baseline=baseline)
@@ -119,12 +100,8 @@ class Trainer(Bookkeeping, Closing):
         env steps were made for each environment; a single environment makes one episode. At first
         there are at most one more environments than complete episodes: what is wrong in a file, one
         robot finds out, and not all at once. What happens depends on nothing else, so that a run
-        which is interrupted can be continued from the end exactly.
-
-        Raises:
-            TaskError: The grounding failed.
-            EnvironmentFailure: An environment raised or gave NaN.
-            LearningFailure: A number of the learner is not finite.
+        which is interrupted can be continued from the end exactly. Errors are those of `Rollout`
+        and of the learner.
         """
         running = self.environments[: self.episode + 1]
         enough = self.env_steps + (_TOGETHER * len(running) if len(running) > 1 else 0)
@@ -229,11 +206,7 @@ class Trainer(Bookkeeping, Closing):
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to a learner of another shape or to another environment.
-        """
+        """Restore what `state_dict` returned, or raise a RunError."""
         saved = Saved("training", arrays, meta)
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
         for name in ("episode", "env_steps"):

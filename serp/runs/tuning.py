@@ -57,8 +57,7 @@ class Tuned:
         gain: The difference of the two, paired by seed: its mean and its standard error. The best
             of many trials is selected, so its mean is biased upwards. None without `before`.
         trials: Number of trials that came to an end.
-        study: The study, an `optuna.Study`.
-        path: Its folder.
+        study, path: The `optuna.Study`, and its folder.
     """
 
     settings: Changes
@@ -99,11 +98,7 @@ class _Search:
         self.digest = hashlib.sha256(json_text(parts).encode()).hexdigest()
 
     def jobs(self, folder: Path, number: int, parameters: Mapping[str, Any]) -> list[Job]:
-        """Return the trainings of a trial, one for each seed.
-
-        Raises:
-            SettingsError: The settings contradict one another.
-        """
+        """Return the trainings of a trial, one for each seed."""
         from serp.runs.tuning_space import changes_of
 
         algorithm = self._algorithm.changed(self._algorithm.name, changes_of(parameters))

@@ -10,28 +10,20 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any
 
-from optuna.distributions import (
-    BaseDistribution,
-    CategoricalDistribution,
-    FloatDistribution,
-    IntDistribution,
-)
+from optuna import distributions as d
 
 from serp.errors import SettingsError
 from serp.settings import Changes, Settings, assigned, setting_value
 
-Space = dict[str, BaseDistribution]
+Space = dict[str, d.BaseDistribution]
 """`section.setting` → its values; choices are texts, because Optuna takes no lists."""
 
 
 def space_of(vary: Mapping[str, Any]) -> Space:
-    """Return what is varied; a value is a text as above, or a list of values.
-
-    Raises:
-        SettingsError: A setting does not exist, or a value is outside its range.
-    """
+    """Return what is varied; a value is a text as above, or a list of values."""
     if not vary:
         raise SettingsError("say what to tune, such as learner.learning_rate=log:1e-4..1e-2")
     return {name: _distribution(name, values) for name, values in vary.items()}
@@ -46,8 +38,8 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
     """Return the parameters of some settings; empty if one of them is not in the space."""
     parameters: dict[str, Any] = {}
     for name, values in space.items():
-        value = _value(settings, name)
-        if isinstance(values, CategoricalDistribution):
+        value = attrgetter(name)(settings)
+        if isinstance(values, d.CategoricalDistribution):
             value = json.dumps(value)
             inside = value in values.choices
         else:
@@ -58,7 +50,7 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
     return parameters
 
 
-def _distribution(name: str, given: Any) -> BaseDistribution:
+def _distribution(name: str, given: Any) -> d.BaseDistribution:
     if not isinstance(given, str | list | tuple) or not given:
         raise SettingsError(f"{name}: say which values: A..B, log:A..B or A,B,..., or a list")
     ends = None
@@ -67,7 +59,7 @@ def _distribution(name: str, given: Any) -> BaseDistribution:
     if ends is None:
         if isinstance(given, str):
             given = map(setting_value, re.split(r",(?![^\[]*\])", given))  # not within brackets
-        return CategoricalDistribution([json.dumps(_checked(name, value)) for value in given])
+        return d.CategoricalDistribution([json.dumps(_checked(name, value)) for value in given])
     low, high = (_checked(name, setting_value(text)) for text in ends.groups()[1:])
     log = ends[1] is not None
     numbers = {type(low), type(high)} <= {int, float}
@@ -77,16 +69,11 @@ def _distribution(name: str, given: Any) -> BaseDistribution:
             "and on a logarithmic scale above 0"
         )
     if isinstance(low, int) and isinstance(high, int):
-        return IntDistribution(low, high, log=log)
-    return FloatDistribution(low, high, log=log)
-
-
-def _value(settings: Settings, name: str) -> Any:
-    section, _, setting = name.partition(".")
-    return getattr(getattr(settings, section), setting)
+        return d.IntDistribution(low, high, log=log)
+    return d.FloatDistribution(low, high, log=log)
 
 
 def _checked(name: str, value: Any) -> Any:
     """Return a value in the form of the setting; refuse one that it does not take."""
     section, _, setting = name.partition(".")
-    return _value(Settings().replace({section: {setting: value}}), name)
+    return attrgetter(name)(Settings().replace({section: {setting: value}}))

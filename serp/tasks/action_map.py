@@ -25,9 +25,8 @@ class ActionForecast(NamedTuple):
         choice: The planner's action, best as in `Forecast`; -1 where no action is applicable.
         ground: `[E]` ground action that each environment action would execute (see `ActionMap`); -1
             where the model does not know it.
-        value, path_risk, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the
-            model does not know has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
-        depth, bound, indifferent: As in `Forecast`.
+        value, path_risk, safe_steps, reward, flags: `[E]`. An action that the model does not know
+            has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
     """
 
     choice: int
@@ -99,8 +98,7 @@ class ActionMap:
         return other
 
     def _resolve(self, mapping: Mapping[str, int] | None) -> list[int]:
-        model, size = self.model, self.size
-        count = len(model.actions)
+        model, size, count = self.model, self.size, len(self.model.actions)
         if mapping is None:
             if count > size:
                 raise TaskError(
@@ -142,13 +140,10 @@ class ActionMap:
 
     def name(self, action: int) -> str:
         """Return a printable name of an environment action."""
-        group = self.groups[action]
-        if not group:
-            return f"action {action}"
+        group = [self.model.actions[k] for k in self.groups[action]]
         if len(group) == 1:
-            return self.model.actions[group[0]].name
-        schemas = dict.fromkeys(self.model.actions[k].schema for k in group)
-        return "/".join(schemas)
+            return group[0].name
+        return "/".join(dict.fromkeys(each.schema for each in group)) or f"action {action}"
 
     def project(self, forecast: Forecast) -> ActionForecast:
         """Return a forecast over ground actions as one over environment actions."""
@@ -179,10 +174,7 @@ class ActionMap:
         return projected._replace(choice=self._best(projected))
 
     def _best(self, of: Forecast) -> int:
-        """Return the best environment action, -1 where none is applicable.
-
-        Ties are broken by the order of the ground actions in the file.
-        """
+        """Return the best action, of equal ones the first in the file; -1: none is applicable."""
         applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
         applicable.sort(key=lambda a: self.groups[a][0])
         return max(applicable, key=lambda a: score_of(of, a), default=-1)

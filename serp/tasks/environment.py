@@ -27,15 +27,11 @@ if TYPE_CHECKING:
 
 
 class BoundTask(Closing):
-    """A task with an environment, its loaded domain and its resolved actions.
-
-    As a context manager it closes its environment at the end.
+    """A task with an environment, its loaded domain and its resolved actions; a context manager.
 
     Attributes:
-        task: The task with its files loaded.
-        grounding: Its function.
         action_space, observations: What the environment takes and gives.
-        rewarded_by: The source of the reward that it declares.
+        rewarded_by: The source of the reward that the task declares.
         on_notice: If set, called with each line that the user should read.
     """
 
@@ -123,11 +119,7 @@ class BoundTask(Closing):
         return numbered
 
     def _tried_grounding(self) -> Any:
-        """Return what the grounding gives on a sampled observation; None if it fails on them all.
-
-        Of info and of states of the environment there are no samples: one that takes these is tried
-        on a reset.
-        """
+        """Return what the grounding gives on a sample, or on a reset if it takes more; or None."""
         if self.grounding.takes:
             return self._grounded(*self.reset(seed=0), self.env)
         return next(self.grounding.on_samples(self.observations.space, 8), None)
@@ -156,8 +148,6 @@ class BoundTask(Closing):
             )
         return env
 
-    # Steps -------------------------------------------------------------------------------------
-
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
         try:
@@ -166,17 +156,9 @@ class BoundTask(Closing):
             raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
 
     def ground(
-        self,
-        raw: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
+        self, raw: Any, info: Mapping[str, Any] | None = None, env: gym.Env[Any, Any] | None = None
     ) -> Vector:
-        """Return the state `[F]` of an observation.
-
-        Args:
-            raw: The observation.
-            info: What the environment returned beside it; needed if the grounding takes it.
-            env: The environment, which has just returned it; needed if the grounding takes it.
+        """Return the state `[F]` of an observation, given info and environment if they are needed.
 
         Raises:
             TaskError: The grounding failed, or does not give the value of every fluent.
@@ -196,14 +178,10 @@ class BoundTask(Closing):
     def _grounded(
         self, raw: Any, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None
     ) -> Any:
-        missing = self.grounding.missing(info, env) if self.grounding.takes else None
-        if missing:
-            raise TaskError(
-                f"task {self.name}: the grounding takes `{missing}` beside the observation; give "
-                "it, too"
-            )
         try:
             return self.grounding(raw, info, env)
+        except TaskError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
         except Exception as error:
             raise TaskError(
                 f"task {self.name}: the grounding failed on {raw}: {raised(error)}"
@@ -225,10 +203,7 @@ class BoundTask(Closing):
             return reset_answer(self.env.reset(seed=seed))
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Execute an environment action 0 ... E-1.
-
-        Returns:
-            Observation, the environment's reward, terminated, truncated, info.
+        """Execute an action 0 ... E-1; return observation, reward, terminated, truncated, info.
 
         Raises:
             EnvironmentFailure: The environment raised, or did not return these.
@@ -253,8 +228,6 @@ class BoundTask(Closing):
         """Close the environment."""
         with self._calling("closing the environment"):
             self.env.close()
-
-    # State across episodes ---------------------------------------------------------------------
 
     def environment_state(self) -> dict[str, Any]:
         """Return what the layers of the environment keep across episodes, as JSON values."""

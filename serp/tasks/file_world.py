@@ -27,7 +27,6 @@ from serp.settings import Section
 from serp.tasks.task import Task
 
 Chance = Annotated[float, Field(ge=0, lt=1)]
-"""A probability, at least 0 and below 1."""
 
 
 class WorldOptions(Section):
@@ -66,14 +65,16 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
     All else in the problem stays as it is. Where there is no problem, or no `:init` in it, numbers
     begin at 0 and predicates as false, unless values are given.
 
-    Args:
-        domain: Domain, with or without a problem.
-        values: Name of a ground predicate or function → its value at the start.
-
     Raises:
-        DomainError: There is no predicate or function of that name.
+        DomainError: There is no predicate or function of such a name.
     """
-    stated = _stated(domain)
+    stated, problem = {}, domain.problem_syntax
+    if problem is not None:
+        atoms = [" ".join((a.name, *(t.name for t in a.arguments))) for a in problem.true_atoms]
+        stated = {name: f"({name})" for name in atoms}
+        for function, number in problem.values:
+            name = " ".join((function.name, *(t.name for t in function.arguments)))
+            stated[name] = f"(= ({name}) {number.place.text})"
     for name, value in values.items():
         declaration = domain.declared(name)
         if declaration is None:
@@ -96,19 +97,6 @@ def starting(domain: Domain, values: Mapping[str, float | bool]) -> Domain:
     )
 
 
-def _stated(domain: Domain) -> dict[str, str]:
-    """Return name → fact, as text, of what the problem's `:init` states."""
-    problem = domain.problem_syntax
-    if problem is None:
-        return {}
-    atoms = [" ".join((a.name, *(t.name for t in a.arguments))) for a in problem.true_atoms]
-    stated = {name: f"({name})" for name in atoms}
-    for function, number in problem.values:
-        name = " ".join((function.name, *(t.name for t in function.arguments)))
-        stated[name] = f"(= ({name}) {number.place.text})"
-    return stated
-
-
 def _with_init(domain: Domain, init: str) -> Source:
     """Return the problem file with another `:init`; one that has nothing else if there is none."""
     before = domain.problem_source
@@ -124,19 +112,12 @@ def _with_init(domain: Domain, init: str) -> Source:
 
 
 class Happened(NamedTuple):
-    """What took place in a step of a world.
+    """What took place in a step of a world."""
 
-    Attributes:
-        action: Position of the ground action that was carried out; -1 for none.
-        outcome: The outcome of the action, from 0; see `GroundSchema.outcomes`.
-        flags: The flags of the step.
-        passages: Returns the effects, rates and events that took part, in order.
-    """
-
-    action: int
-    outcome: int
+    action: int  # position of the ground action that was carried out; -1 for none
+    outcome: int  # of the action, from 0; see `GroundSchema.outcomes`
     flags: int
-    passages: Callable[[], list[Passage]]
+    passages: Callable[[], list[Passage]]  # effects, rates and events that took part, in order
 
 
 class FileWorld(gym.Env[Vector, int]):
@@ -284,11 +265,8 @@ def file_task(
         DomainError: A file is missing or wrong.
         SettingsError: There is no such option, or it is out of its range.
     """
-    return world_task(
-        domain if isinstance(domain, Domain) else load_domain(domain, problem),
-        WorldOptions(**options),
-        dt,
-    )
+    loaded = domain if isinstance(domain, Domain) else load_domain(domain, problem)
+    return world_task(loaded, WorldOptions(**options), dt)
 
 
 def world_task(domain: Domain, options: WorldOptions, dt: float) -> Task:
@@ -317,9 +295,7 @@ def _initial_state(domain: Domain) -> Vector:
     model, problem = domain.model, domain.problem_syntax
     if not model.actions:
         raise DomainError(
-            "there is no action that can ever be carried out",
-            domain.syntax.place,
-            code="no-action",
+            "there is no action that can ever be carried out", domain.syntax.place, code="no-action"
         )
     if problem is None or not problem.has_init:
         raise DomainError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import inspect
+import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -11,7 +12,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from serp.errors import TaskError
 
@@ -22,23 +22,17 @@ FAR = 1e9
 class Grounding:
     """The grounding function of a task, called with what its parameters name.
 
-    Attributes:
-        takes: Which of `info` and `env` the function takes beside the observation.
-
-    Raises:
-        TaskError: The function cannot be called with an observation and these.
+    It takes an observation, and beside it those of `info` and `env` that are in `takes`.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        # What a grounding may take beside the observation, by the names of its parameters.
-        beside = ("info", "env")
         self._function = function
         try:
             signature = inspect.signature(function)
         except (TypeError, ValueError):  # some callables written in C have no signature
             self.takes: tuple[str, ...] = ()
             return
-        self.takes = tuple(name for name in beside if name in list(signature.parameters)[1:])
+        self.takes = tuple(k for k in ("info", "env") if k in list(signature.parameters)[1:])
         try:
             signature.bind(None, **dict.fromkeys(self.takes))
         except TypeError as error:
@@ -57,20 +51,16 @@ class Grounding:
         if not self.takes:
             return self._function(observation)
         beside = {"info": info, "env": env}
-        return self._function(observation, **{name: beside[name] for name in self.takes})
-
-    def missing(self, info: Mapping[str, Any] | None, env: gym.Env[Any, Any] | None) -> str | None:
-        """Return the name of what the function takes and is not given; None for none."""
-        beside = {"info": info, "env": env}
-        return next((name for name in self.takes if beside[name] is None), None)
+        taken = {name: beside[name] for name in self.takes}
+        for name, given in taken.items():
+            if given is None:
+                raise TaskError(
+                    f"the grounding takes `{name}` beside the observation; give it, too"
+                )
+        return self._function(observation, **taken)
 
     def on_samples(self, space: spaces.Space[Any], count: int) -> Iterator[Any]:
-        """Yield the results on sampled observations, except those on which the function fails.
-
-        Nothing is yielded for a function that takes more than the observation.
-        """
-        if self.takes:
-            return
+        """Yield the results on sampled observations alone, except where the function fails."""
         for observation in samples(space, count):
             try:
                 with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -89,7 +79,15 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
     if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
         low = np.clip(space.low.astype(np.float64), -FAR, FAR)
         high = np.clip(space.high.astype(np.float64), -FAR, FAR)
-        for point in _of_box(low, high, count):
+        middle, points = (low + high) / 2, []
+        if low.size <= count:
+            for index in np.ndindex(low.shape):
+                for bound in (low, high):
+                    points.append(middle.copy())
+                    points[-1][index] = bound[index]
+        random = np.random.default_rng(0)
+        drawn = (random.uniform(low, high) for _ in range(count))
+        for point in itertools.chain((middle, low, high), points, drawn):
             yield np.clip(point.astype(space.dtype), space.low, space.high)
         return
     try:
@@ -99,19 +97,3 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
             yield own.sample()
     except Exception:  # a custom space that cannot be sampled
         return
-
-
-def _of_box(
-    low: NDArray[np.float64], high: NDArray[np.float64], count: int
-) -> Iterator[NDArray[np.float64]]:
-    middle = (low + high) / 2
-    yield from (middle, low, high)
-    if low.size <= count:
-        for index in np.ndindex(low.shape):
-            for bound in (low, high):
-                point = middle.copy()
-                point[index] = bound[index]
-                yield point
-    random = np.random.default_rng(0)
-    for _ in range(count):
-        yield random.uniform(low, high)

@@ -59,11 +59,7 @@ def _made_task(name: str) -> Task:
 
 
 def custom_function(name: str, option: str) -> Callable[..., Any]:
-    """Return the function that `FILE.py:FUNCTION` or `MODULE:FUNCTION` names.
-
-    Raises:
-        TaskError: There is no such file, module or function.
-    """
+    """Return the function that `FILE.py:FUNCTION` or `MODULE:FUNCTION` names, or a TaskError."""
     module, attribute = _named(name, option, "FILE.py:FUNCTION or MODULE:FUNCTION")
     if not attribute:
         raise TaskError(f"{option}: name the function, {name}:FUNCTION")
@@ -84,10 +80,7 @@ def _named(name: str, option: str, forms: str) -> tuple[ModuleType, str]:
 
 
 def import_file(file: Path, option: str) -> ModuleType:
-    """Import a file as a module of its name, so that other processes can import it, too.
-
-    `option` is the option that names it, for messages.
-    """
+    """Import a file as a module of its name, so that other processes can import it, too."""
     if not file.is_file():
         raise TaskError(f"{option}: there is no such file")
     module = _import_module(file.stem, file.parent, option)
@@ -148,21 +141,17 @@ def _only(module: ModuleType, name: str) -> Any:
 
 
 def _is_task(value: Any) -> TypeGuard[Task]:
-    return isinstance(value, _task_class())
+    from serp.tasks.task import Task  # here, because the name of a file needs none
 
-
-def _task_class() -> type[Task]:
-    """Return `serp.Task`, importing it where a task is made: the name of a file needs none."""
-    from serp.tasks.task import Task
-
-    return Task
+    return isinstance(value, Task)
 
 
 def _makes_task(value: Any, module: ModuleType) -> bool:
+    from serp.tasks.task import Task
+
     if not inspect.isfunction(value) or value.__module__ != module.__name__:
         return False
-    returns = value.__annotations__.get("return")
-    return returns in (_task_class(), "Task", "serp.Task")
+    return value.__annotations__.get("return") in (Task, "Task", "serp.Task")
 
 
 def task_entries() -> dict[str, EntryPoint]:
@@ -257,9 +246,9 @@ def _shipped_beside(name: str) -> Path | None:
 def task_of(domain: Domain, path: Path) -> Task | None:
     """Return the installed task that a domain file belongs to, with that domain; None for none."""
     name = task_like(domain.name, path.stem)
-    return (
-        None if name is None else dataclasses.replace(load_task(name), domain=domain, problem=None)
-    )
+    if name is None:
+        return None
+    return dataclasses.replace(load_task(name), domain=domain, problem=None)
 
 
 def task_like(*names: str) -> str | None:

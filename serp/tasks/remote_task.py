@@ -24,10 +24,7 @@ class RemoteTask(Closing):
 
     The process checks, copies and grounds what the environment returns, as `BoundTask` does.
     Gymnasium's `AsyncVectorEnv` joins the answers of all environments, and has one seed for all.
-
-    Args:
-        task: The task; its own environment is not used.
-        number: Number of this environment, from 1, for messages.
+    Messages have the number of the environment, from 1.
     """
 
     def __init__(self, task: BoundTask, number: int) -> None:
@@ -48,19 +45,8 @@ class RemoteTask(Closing):
         """Wait until the environment is made; raise the error if that failed."""
         self._answer("making the environment")
 
-    # Steps -------------------------------------------------------------------------------------
-
-    def begin(self, what: str, argument: int) -> None:
-        """Begin `reset` or `step` without waiting for it."""
-        self._send(what, argument)
-
     def reset(self, seed: int) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`.
-
-        Raises:
-            EnvironmentFailure: The environment raised, or its process died.
-            TaskError: The grounding failed.
-        """
+        """Reset the environment, or wait for a reset that was begun; see `BoundTask.reset`."""
         answer: tuple[Any, dict[str, Any]]
         answer, self._perceived = self._do("reset", seed, doing="reset")
         return answer
@@ -87,22 +73,16 @@ class RemoteTask(Closing):
 
     def close(self) -> None:
         """Close the environment and end its process."""
-        if self._process.is_alive() and self._pending is None:
-            try:
+        try:
+            if self._process.is_alive() and self._pending is None:  # not stuck, busy or dead
                 self._do("close", doing="closing the environment")
-            finally:
-                self._end()
-        else:  # it is stuck, busy or dead
-            self._end()
+        finally:
+            self._pipe.close()
+            self._process.kill()
+            self._process.join()
 
-    def _end(self) -> None:
-        self._pipe.close()
-        self._process.kill()
-        self._process.join()
-
-    # The process -------------------------------------------------------------------------------
-
-    def _send(self, what: str, *arguments: Any) -> None:
+    def begin(self, what: str, *arguments: Any) -> None:
+        """Begin a method, such as `reset` or `step`, without waiting for it."""
         assert self._pending is None, f"{self._pending} was not answered"
         self._pending = what, arguments
         with contextlib.suppress(OSError):  # it is dead, which `_answer` tells
@@ -110,7 +90,7 @@ class RemoteTask(Closing):
 
     def _do(self, what: str, *arguments: Any, doing: str) -> Any:
         if self._pending is None:
-            self._send(what, *arguments)
+            self.begin(what, *arguments)
         assert self._pending == (what, arguments), f"{self._pending} was begun, not {what}"
         return self._answer(doing)
 

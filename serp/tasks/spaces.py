@@ -23,12 +23,11 @@ class ActionSpace:
     counts fastest. All are counted from 0, wherever the space begins.
 
     Raises:
-        ValueError: The space is of another kind, or has more than `MOST_COMBINATIONS` combinations.
+        ValueError: The space is of another kind, or has more than 4,096 combinations.
     """
 
     def __init__(self, space: Any) -> None:
-        # Each is an output of the learner's network, and a column of every forecast.
-        most_combinations = 4096
+        most = 4096  # each is an output of the learner's network, and a column of every forecast
         self.space = space
         self._shape: tuple[int, ...] | None = None
         if isinstance(space, spaces.Discrete):
@@ -44,9 +43,9 @@ class ActionSpace:
                 "controllers as actions: serp_envs.MacroActions"
             )
         self.size = int(np.prod(self._shape, dtype=object))
-        if self.size > most_combinations:
+        if self.size > most:
             raise ValueError(
-                f"{space} has {self.size:,} combinations, more than {most_combinations:,}; "
+                f"{space} has {self.size:,} combinations, more than {most:,}; "
                 "offer those that make sense as a Discrete space, through "
                 "gymnasium.wrappers.TransformAction"
             )
@@ -59,11 +58,7 @@ class ActionSpace:
         return places.reshape(self.space.shape) + getattr(self.space, "start", 0)
 
     def number(self, action: Any) -> Any:
-        """Return the number of an action that is given as a sequence of numbers from 0.
-
-        Raises:
-            ValueError: The space has no such combination.
-        """
+        """Return the number of an action, also of one that is a sequence of numbers from 0."""
         if self._shape is None or not isinstance(action, Sequence | np.ndarray):
             return action  # a number already
         try:
@@ -74,11 +69,7 @@ class ActionSpace:
 
 
 class Observations:
-    """The observations of a space, as flat vectors of length `size`.
-
-    Raises:
-        ValueError: Observations of the space are not vectors.
-    """
+    """The observations of a space, as flat vectors of length `size`; else a ValueError."""
 
     def __init__(self, space: Any) -> None:
         sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}
@@ -234,9 +225,7 @@ def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
 def _parts(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
     if isinstance(answer, tuple | list) and len(answer) == count:
         return tuple(answer)
-    returned = _shown(answer)
-    if isinstance(answer, tuple | list):
-        returned = f"{len(answer)} values"
+    returned = f"{len(answer)} values" if isinstance(answer, tuple | list) else _shown(answer)
     raise EnvironmentFailure(f"it returned {returned}, not {wanted}")
 
 

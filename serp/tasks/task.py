@@ -37,19 +37,15 @@ class Judged(NamedTuple):
 class Judge:
     """Judges the observed steps of a task; the setting `training.reward` chooses the reward.
 
-    Args:
-        task: The task.
-        settings: All settings; None where nothing is learned from the steps: the reward is then the
-            environment's.
+    Without settings nothing is learned from the steps: the reward is the environment's.
 
     Raises:
         SettingsError: The domain's rewards are to be learned from, but it gives none.
     """
 
     def __init__(self, task: BoundTask, settings: Settings | None = None) -> None:
-        self.source: Source = "environment"
-        if settings is not None:
-            self.source = reward_source(task.rewarded_by, settings)
+        own: Source = "environment"
+        self.source = own if settings is None else reward_source(task.rewarded_by, settings)
         self._model = task.model
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
@@ -188,12 +184,7 @@ class Task:
         return load_domain(self.domain, self.problem, observed=not self.closed)
 
     def loaded(self) -> Task:
-        """Return the task with its files loaded: the same on another machine, and after an edit.
-
-        Raises:
-            DomainError: A file is missing or wrong.
-            TaskError: `domain` or `problem` is not the name of a file.
-        """
+        """Return the task with its files loaded: the same on another machine, and after an edit."""
         return dataclasses.replace(self, domain=self.load(), problem=None)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:

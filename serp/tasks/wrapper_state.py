@@ -34,18 +34,12 @@ def save(env: gym.Env[Any, Any]) -> dict[str, Any]:
 def restore(
     env: gym.Env[Any, Any], saved: Mapping[str, Any], *, statistics_only: bool = False
 ) -> None:
-    """Restore what `save` returned, or only the running statistics in it.
-
-    Raises:
-        ValueError: The environment has other layers than the saved one; the message names them.
-    """
+    """Restore what `save` returned, or only the running statistics; a ValueError if unlike."""
     if not statistics_only:
         own = [layer for layer in _layers_of(env) if _saves_itself(layer)]
         if len(own) != len(saved["own"]):
-            raise ValueError(
-                f"the saved one has {len(saved['own'])} layers with a state_dict(), this one "
-                f"{len(own)}"
-            )
+            layers = f"{len(saved['own'])} layers with a state_dict()"
+            raise ValueError(f"the saved one has {layers}, this one {len(own)}")
         for layer, state in zip(own, saved["own"], strict=True):
             layer.load_state_dict(state)
     here = list(_parts(env))
@@ -99,9 +93,7 @@ class _Part(NamedTuple):
             )
         dtype = np.dtype(saved["dtype"])  # an update may have changed it
         if dtype.kind not in "biuf":
-            raise ValueError(
-                f"`{self.name}` is saved as {saved['dtype']}, which is not a numeric type"
-            )
+            raise ValueError(f"`{self.name}` is saved as {dtype}, which is not a numeric type")
         array = np.array(saved["values"], dtype=dtype).reshape(saved["shape"])
         return array if isinstance(current, np.ndarray) else array[()].item()
 
@@ -110,9 +102,8 @@ def _parts(env: gym.Env[Any, Any]) -> Iterator[_Part]:
     for layer in _layers_of(env):
         if _saves_itself(layer):
             continue
-        gymnasiums = isinstance(layer, gym.Wrapper) and type(layer).__module__.startswith(
-            "gymnasium."
-        )
+        home = type(layer).__module__
+        gymnasiums = isinstance(layer, gym.Wrapper) and home.startswith("gymnasium.")
         for name, value in list(getattr(layer, "__dict__", {}).items()):
             # `reset(seed=...)` replaces Gymnasium's own generator.
             if isinstance(value, np.random.Generator) and value is not layer.np_random:

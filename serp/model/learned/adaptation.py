@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._core import ObservedStep
+from serp._util.did_you_mean import listed
 from serp._util.saved_state import MOST, Arrays, Saved, nested
 from serp.errors import RunError
 from serp.model.learned.adapted_model import AdaptedModel
@@ -38,10 +39,8 @@ class GroupLearners:
     """Learns residuals and outcome counts from env steps, and publishes them in the model.
 
     Each fluent has its own predictor: the one that has predicted new samples best, which may be the
-    file. So have the end, and the reward if `rewards` and the file gives any.
-
-    Attributes:
-        whole: `[F]` whether each fluent has always been a whole number.
+    file. So have the end, and the reward if `rewards` and the file gives any. `whole` `[F]` says
+    whether each fluent has always been a whole number.
     """
 
     def __init__(
@@ -91,14 +90,12 @@ class GroupLearners:
     def notice(self) -> str | None:
         """A message on actions with too many inputs to learn; None if there is none."""
         known = self._model.regressions
-        wide = sorted(
-            {key[0] for key, g in self._groups.items() if g.targets and key[1:] not in known}
-        )
+        wide = {key[0] for key, g in self._groups.items() if g.targets and key[1:] not in known}
         if not wide:
             return None
         return (
-            f"{', '.join(f'`{name}`' for name in wide)} can depend on more fluents than the "
-            "adaptation can learn from; the numbers that they change are predicted as written"
+            f"{listed(sorted(wide), len(wide))} can depend on more fluents than the adaptation can "
+            "learn from; the numbers that they change are predicted as written"
         )
 
     def adoption(self) -> tuple[tuple[FluentAdoption, ...], tuple[WorthAdoption, ...]]:
@@ -216,14 +213,13 @@ class ModelAdaptation:
         `next_state` is that before any reset, the reward in the unit of the file's rewards.
         """
         self.experience.add(state, action, next_state, over, reward)
-        adapted = self._adapted
         if action >= 0:
             self._learn(state, action, next_state, over, reward)
         seen = self.experience.seen
         if self._estimation is not None and seen >= 32 and seen & (seen - 1) == 0:
             self._estimate_parameters()
-        if adapted is not None:
-            adapted.revision = 0 if adapted.as_written else self._revision
+        if self._adapted is not None:
+            self._adapted.revision = self._revision
 
     @property
     def adoption(self) -> ModelAdoption:
@@ -232,21 +228,13 @@ class ModelAdaptation:
         if adapted is None:
             return ModelAdoption(adapts=False)
         fluents, worth = ((), ()) if self._learners is None else self._learners.adoption()
-        return ModelAdoption(
-            adapts=True,
-            parameters=tuple(
-                AdoptedParameter(p.place.line, p.place.text, written, used)
-                for p, written, used in zip(
-                    adapted.ground.parameters,
-                    self._written.theta.tolist(),
-                    adapted.core.parameters.tolist(),
-                    strict=True,
-                )
-                if used != written
-            ),
-            fluents=fluents,
-            worth=worth,
+        values = self._written.theta.tolist(), adapted.core.parameters.tolist()
+        parameters = tuple(
+            AdoptedParameter(p.place.line, p.place.text, written, used)
+            for p, written, used in zip(adapted.ground.parameters, *values, strict=True)
+            if used != written
         )
+        return ModelAdoption(True, parameters, fluents, worth)
 
     def reset_visits(self) -> None:
         """Treat all actions as unknown."""
@@ -262,7 +250,9 @@ class ModelAdaptation:
 
     @property
     def _revision(self) -> int:
-        """A number that grows with every twentieth part of the env steps."""
+        """A number that grows with every twentieth part of the env steps; 0 for the file alone."""
+        if self._adapted is None or self._adapted.as_written:
+            return 0
         return 1 + int(20.0 * math.log(max(1, self.experience.seen)))
 
     def _estimate_parameters(self) -> None:
@@ -277,11 +267,11 @@ class ModelAdaptation:
         if self._learners is None:
             return
         self._learners.reset()
-        states, next_states = self.experience.states, self.experience.next_states
-        actions, over = self.experience.actions, self.experience.over
-        rewards = self.experience.rewards
-        for k in _newest_of_each(actions, 500):
-            self._learn(states[k], int(actions[k]), next_states[k], over[k], float(rewards[k]))
+        seen = self.experience
+        columns = seen.states, seen.actions, seen.next_states, seen.over, seen.rewards
+        for k in _newest_of_each(seen.actions, 500):
+            state, action, next_state, over, reward = (column[k] for column in columns)
+            self._learn(state, int(action), next_state, over, float(reward))
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -291,7 +281,7 @@ class ModelAdaptation:
             arrays["parameters"] = self._adapted.core.parameters
         if self._learners is not None:
             arrays["whole"] = self._learners.whole.copy()
-        for name, part in self._parts().items():
+        for name, part in self._parts.items():
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
         return arrays, meta
@@ -312,16 +302,17 @@ class ModelAdaptation:
         if self._adapted is not None:
             shape = self._written.theta.shape
             self._adapted.core.adopt(saved.array("parameters", np.float64, shape))
-        for name, part in self._parts().items():
+        for name, part in self._parts.items():
             part.load_state_dict(*saved.part(name))
         if self._learners is not None:
             whole = self._learners.whole
             self._learners.restore(saved.array("whole", whole.dtype, whole.shape))
-        if self._adapted is not None and not self._adapted.as_written:
+        if self._adapted is not None:
             self._adapted.revision = self._revision
 
+    @property
     def _parts(self) -> dict[str, Any]:
-        """Return the saved parts by name."""
+        """The saved parts by name."""
         learned = {} if self._learners is None else self._learners.parts
         return {"experience": self.experience, **learned}
 
@@ -329,7 +320,7 @@ class ModelAdaptation:
 def _alike_actions(model: AdaptedModel) -> list[NDArray[np.int64] | int]:
     """Return, for each ground action, those with which it shares all that is learned.
 
-    It is a number where there is only the action itself: an array of one takes ten times as long.
+    A number stands for the action alone: an array of one takes ten times as long.
     """
     keys = [
         (action.schema, *(group.key for group in groups))

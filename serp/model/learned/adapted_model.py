@@ -8,22 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp import _core
+from serp.model import ground_model as g
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.ground_model import (
-    UNSAFE_TARGET,
-    GroundModel,
-    GroundSchema,
-    Operation,
-    SetNumber,
-    Unary,
-)
 from serp.model.instructions import contested
-from serp.model.learned.feature_groups import (
-    FeatureGroup,
-    Key,
-    feature_groups_of,
-    learnable,
-)
+from serp.model.learned.feature_groups import FeatureGroup, Key, feature_groups_of, learnable
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import nodes_in
@@ -68,7 +56,7 @@ class AdaptedModel(TransitionModel):
             written.written_core(),
             same_arguments(self.actions),
             _flagging(self.ground),
-            [[(g.inputs, g.targets, self.shared[g.key]) for g in of] for of in self.feature_groups],
+            [[(f.inputs, f.targets, self.shared[f.key]) for f in of] for of in self.feature_groups],
             self.worth,
         )
 
@@ -88,20 +76,16 @@ class AdaptedModel(TransitionModel):
         return not self.core.active
 
     def uncertainty(self, state: Vector) -> Vector:
-        """Return how far the step of each action `[A]` is from the data.
+        """Return how far the step of each action `[A]` is from the data: about 1 / (like samples).
 
-        It is about 1 over the number of samples like this one, 1 where there are none, and 0 where
-        the file alone predicts.
+        1 where there are none, and 0 where the file alone predicts.
         """
         return self.core.uncertainty(state)
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None
     ) -> TransitionModel:
-        """Return the model as written with other parameters or another control period.
-
-        Learned parts are dropped: they are valid only for their own parameters and period.
-        """
+        """Return the model as written, for which learned parts do not hold, with other numbers."""
         return self.written.replace(theta=theta, dt=dt)
 
     def passages(self, state: ArrayLike, action: int) -> tuple[list[Passage], int]:
@@ -140,14 +124,14 @@ class AdaptedModel(TransitionModel):
         return passages, flags
 
 
-def _flagging(ground: GroundModel) -> bool:
+def _flagging(ground: g.GroundModel) -> bool:
     """Whether events, goal or metric can make a step unsafe, or leave it without a result."""
     effects = [effect for event in ground.events for effect in event.effects]
     calculated = nodes_in(ground.events, ground.goal, ground.metric)
-    numbers = [effect for effect in effects if isinstance(effect, SetNumber)]
+    numbers = [effect for effect in effects if isinstance(effect, g.SetNumber)]
     return (
-        any(effect.target == UNSAFE_TARGET for effect in effects)
-        or any(isinstance(node, Operation | Unary) for node in calculated)
+        any(effect.target == g.UNSAFE_TARGET for effect in effects)
+        or any(isinstance(node, g.Operation | g.Unary) for node in calculated)
         or any(effect.change.group == "scale" for effect in numbers)
         or bool(contested(numbers))
     )
@@ -156,10 +140,7 @@ def _flagging(ground: GroundModel) -> bool:
 def _parameters_of(
     groups: Sequence[Sequence[FeatureGroup]],
 ) -> tuple[dict[Key, _core.Regression], dict[Key, _core.GroupParameters]]:
-    """Return the regressions of keys without the schema, and what groups of each key share.
-
-    A regression has a head for each schema.
-    """
+    """Return the regressions of keys without the schema, one head each, and what groups share."""
     keys = {group.key: group for of_action in groups for group in of_action}
     heads: dict[Key, list[FeatureGroup]] = {}
     for key, group in keys.items():
@@ -176,11 +157,8 @@ def _parameters_of(
     }
 
 
-def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:
-    """Return `[A, S]` the ground action of each schema with the same arguments.
-
-    It is -1 where there is none, and for the action itself.
-    """
+def same_arguments(actions: Sequence[g.GroundSchema]) -> NDArray[np.int64]:
+    """Return `[A, S]` the other ground action of each schema with the same arguments; -1: none."""
     schemas = {name: k for k, name in enumerate(dict.fromkeys(a.schema for a in actions))}
     alike: dict[tuple[str, ...], list[int]] = {}
     for k, action in enumerate(actions):

@@ -12,34 +12,23 @@ from serp._util.text import percent, plural
 class TrackRecord(NamedTuple):
     """What was learned beside the file of one function or predicate, after one action.
 
-    Errors are prequential: those of predictions of steps that were not learned from yet.
-
-    Attributes:
-        schema: Name of the action schema.
-        used: Whether it predicts instead of the file alone.
-        steps: Steps that it was judged by.
-        written: Error of the file: mean absolute error of a number, Brier score of outcomes.
-        learned: The same of what was learned.
-        hindrance: Why nothing can be learned; empty if it can.
+    Errors of the file and of what was learned are prequential: of predictions of steps that were
+    not learned from yet. It is the mean absolute error of a number, the Brier score of outcomes.
     """
 
     schema: str
-    used: bool
+    used: bool  # whether it predicts instead of the file alone
     steps: int
     written: float
     learned: float
-    hindrance: str = ""
+    hindrance: str = ""  # why nothing can be learned; empty if it can
 
 
 class FluentAdoption(NamedTuple):
     """What predicts one function or predicate of the file, over all actions and objects.
 
-    Attributes:
-        fluent: Its name.
-        residual: Action schemas after which a residual is in use.
-        outcomes: Action schemas after which counted outcomes are in use.
-        steps: Steps that the learned parts were judged by.
-        why: Why learned parts are in use, or are not.
+    `residual` and `outcomes` are the action schemas after which a residual, or counts, are in use;
+    `why` says why they are, or not, as judged by so many steps.
     """
 
     fluent: str
@@ -70,16 +59,8 @@ class Reliability(NamedTuple):
 class WorthAdoption(NamedTuple):
     """What predicts the reward or the end of a step.
 
-    Errors are mean squared ones of the newest steps, each before it was learned from; of ends they
-    are Brier scores.
-
-    Attributes:
-        name: `reward` or `terminal`.
-        corrected: Whether a correction is in use.
-        steps: Steps that it was judged by.
-        written: Error by the rules of the file.
-        in_use: Error of what is in use.
-        reliability: For ends: predicted chances, and how often an end came.
+    Errors, by the file and of what is in use, are mean squared ones of the newest steps, each
+    before it was learned from; of ends they are Brier scores.
     """
 
     name: str
@@ -104,14 +85,7 @@ class AdoptedParameter(NamedTuple):
 
 
 class ModelAdoption(NamedTuple):
-    """What the planner's model is made of.
-
-    Attributes:
-        adapts: Whether the model adapts at all.
-        parameters: The parameters that are not used as written.
-        fluents: What predicts each function and predicate that can change.
-        worth: What predicts reward and end.
-    """
+    """What the planner's model is made of; `parameters` are those not used as written."""
 
     adapts: bool
     parameters: tuple[AdoptedParameter, ...] = ()

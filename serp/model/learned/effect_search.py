@@ -146,11 +146,7 @@ def search(
     dt: float,
     known: Sequence[AddedEffect],
 ) -> list[AddedEffect]:
-    """Return effects that explain the residuals of one function; see `candidate_effects`.
-
-    `rows` also has the derivatives by the function's parameters. `known` effects were found before,
-    or refused.
-    """
+    """Return effects that explain the residuals of one function, except those `known` before."""
     if len(rows.rows) < MIN_ROWS:
         return []
     candidates, columns = candidate_effects(lifted, states, after, rows, symbol, dt)
@@ -202,13 +198,11 @@ class _ForwardSelection:
         known: Sequence[AddedEffect],
     ) -> None:
         root = np.sqrt(weights)
-        self._candidates = candidates
+        self._candidates, self._blocks = candidates, rows.blocks
         self._touched = columns != 0.0
         self._left = columns * root[:, None]
         self._full = (self._left**2).sum(0)
-        self._error = rows.residuals * root
-        self._change = rows.change * root
-        self._blocks = rows.blocks
+        self._error, self._change = rows.residuals * root, rows.change * root
         self._choices: list[tuple[int, ...]] = [(k,) for k in range(len(candidates))]
         alike: dict[tuple[str, tuple[str, ...]], list[int]] = {}
         for k, effect in enumerate(candidates):
@@ -304,13 +298,10 @@ class _ForwardSelection:
 
 
 class EffectFit:
-    """The model as written with added effects, fitted to at least one transition.
+    """The model as written with added effects (`ground`), fitted to at least one transition.
 
-    The estimates of the fit `before` are the initial values, or the file's parameters.
-
-    Attributes:
-        ground: The model with the added effects.
-        fit: All parameters; the coefficients of the added effects follow those of the file.
+    The estimates of the fit `before` are the initial values, or the file's parameters. In `fit` the
+    coefficients of the added effects follow the parameters of the file.
     """
 
     def __init__(
@@ -321,10 +312,7 @@ class EffectFit:
         added: Sequence[AddedEffect],
         before: EffectFit | None = None,
     ) -> None:
-        self._model = model
-        self._data = data
-        self.lifted = lifted
-        self.added = tuple(added)
+        self._model, self._data, self.lifted, self.added = model, data, lifted, tuple(added)
         self.ground = with_effects(lifted, self.added)
         self._whole = TransitionModel(self.ground, dt=model.dt)
         self._written = len(model.ground.parameters)
@@ -392,9 +380,8 @@ class EffectFit:
         sign = np.sign([self.ground.parameters[k].value for k in owned])
         size, size_before = sign * self.fit.theta[owned], sign * without.fit.theta[owned]
         error, error_before = self.fit.errors[owned], without.fit.errors[owned]
-        less = (size < 0.25 * size_before) & (
-            size_before - size > 2.0 * np.hypot(error, error_before)
-        )
+        gap = size_before - size
+        less = (size < 0.25 * size_before) & (gap > 2.0 * np.hypot(error, error_before))
         reversed_ = (size < -CERTAIN * error) & (size_before > -2.0 * error_before)
         return bool((less & (size_before > 0.0) | reversed_).any())
 

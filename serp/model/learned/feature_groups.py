@@ -17,21 +17,14 @@ class FeatureGroup:
     """Inputs and targets of a model of one ground action's effect on some objects.
 
     Groups with equal keys are instances of the same relation between different objects of the same
-    types; they share one model.
-
-    Attributes:
-        key: Schema, roles of the objects, symbols of inputs and targets.
-        inputs: Columns that the change may depend on, in an order that is the same for the key.
-        targets: Columns of the numeric fluents that may change, likewise ordered.
-        predicates: Columns of the predicates that may change, likewise ordered.
-        predicate_inputs: Positions of predicates within `inputs`.
+    types; they share one model. Columns are in an order that is the same for the key.
     """
 
-    key: Key
-    inputs: tuple[int, ...]
-    targets: tuple[int, ...]
-    predicates: tuple[int, ...]
-    predicate_inputs: tuple[int, ...]
+    key: Key  # schema, roles of the objects, symbols of inputs and targets
+    inputs: tuple[int, ...]  # columns that the change may depend on
+    targets: tuple[int, ...]  # columns of the numeric fluents that may change
+    predicates: tuple[int, ...]  # columns of the predicates that may change
+    predicate_inputs: tuple[int, ...]  # positions of predicates within `inputs`
 
 
 def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[FeatureGroup, ...]:

@@ -34,14 +34,7 @@ _LEAST: Final = 1e-6
 class OutcomeCounts:
     """Counts the outcomes of the ground actions that share the key of a feature group.
 
-    Args:
-        group: Any feature group of the key.
-        schemas: Number of action schemas.
-
-    Attributes:
-        table: The counts; None before the first error.
-        places: Positions of the counted fluents within the inputs.
-        samples: Number of samples since counting began.
+    `places` are the positions of the counted fluents within the inputs.
     """
 
     def __init__(self, group: FeatureGroup, schemas: int) -> None:
@@ -80,8 +73,7 @@ class OutcomeCounts:
 
     def count_again(self) -> None:
         """Forget all counts; keep the outcomes, with "nothing changes" among them."""
-        table = self.table
-        if table is not None:
+        if (table := self.table) is not None:
             self._begin(self.places)
             self.table = table.emptied()
 
@@ -149,15 +141,9 @@ class OutcomeCounts:
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays = {
-            "places": self.places.copy(),
-            "context": self._context.copy(),
-        }
-        meta: dict[str, Any] = {
-            "samples": self.samples,
-            "strays": self._strays,
-            "given_up": self._given_up,
-        }
+        arrays = {"places": self.places.copy(), "context": self._context.copy()}
+        counts = {"samples": self.samples, "strays": self._strays}
+        meta: dict[str, Any] = {**counts, "given_up": self._given_up}
         if self.table is not None:
             sizes = {name: getattr(self.table, name) for name in _SIZES}
             arrays |= {k: array.copy() for k, array in _arrays(self.table, **sizes).items()}
@@ -211,15 +197,12 @@ Transitions = tuple[Vector, NDArray[np.int64], Vector, Mask]
 
 
 class CountedGroup(NamedTuple):
-    """The counts of all groups of one key, with the ground action of the first of these groups.
-
-    `others` `[A, S]` are those of `same_arguments`.
-    """
+    """The counts of all groups of one key, with the ground action of the first of these groups."""
 
     action: int
     group: FeatureGroup
     counts: OutcomeCounts
-    others: NDArray[np.int64]
+    others: NDArray[np.int64]  # `[A, S]`, see `same_arguments`
 
     def effects(self, action: int) -> list[int]:
         """Return the ground action whose effect each outcome of an action is; -1 for a change."""
@@ -236,23 +219,15 @@ class CountedGroup(NamedTuple):
 
 
 def count_outcomes(
-    model: TransitionModel,
-    transitions: Transitions,
-    counted: Mask,
-    whole: Mask,
+    model: TransitionModel, transitions: Transitions, counted: Mask, whole: Mask
 ) -> list[CountedGroup]:
     """Return the counts of all groups that the model does not predict exactly.
 
     All outcomes are found first, and then counted, so that it does not matter when each came first.
     States from which one of them may end the episode are not counted, if there are enough others:
     an environment may show something else after an end. As they are left out by the state, and not
-    by what came, there is no bias.
-
-    Args:
-        model: A model that can be compiled, as written.
-        transitions: Observed transitions.
-        counted: `[F]`, which fluents are counted.
-        whole: `[F]`, which functions are whole numbers.
+    by what came, there is no bias. `counted` and `whole` `[F]` are the fluents that are counted,
+    and the functions that are whole numbers.
     """
     adapted = AdaptedModel(model)
     groups = [[_counted(group, counted) for group in groups] for groups in adapted.feature_groups]
@@ -280,10 +255,7 @@ def _away_from_ends(
     states: Vector,
     actions: NDArray[np.int64],
 ) -> Mask:
-    """Return the steps `[N]` from whose states no usual outcome ends the episode.
-
-    All steps of an action schema that has fewer than 30 of them are returned.
-    """
+    """Return the steps `[N]` from which no usual outcome ends the episode; all if there are few."""
     ends = np.zeros(len(actions), dtype=np.bool_)
     for action in np.unique(actions).tolist():
         rows = np.flatnonzero(actions == action)

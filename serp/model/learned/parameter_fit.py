@@ -59,8 +59,7 @@ def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundM
     symbol.
     """
     ground = lifted.ground
-    parameters = list(ground.parameters)
-    actions = list(ground.actions)
+    parameters, actions = list(ground.parameters), list(ground.actions)
     processes = list(ground.processes)
     for term in added:
         world = term.schema == WORLD
@@ -73,52 +72,40 @@ def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundM
             for factor in term.factors:
                 value = g.Operation("*", value, g.Read(lifted.column(factor, binding)))
             target = lifted.column(term.target, binding)
-            changed = None if world else _into_assignment(actions[key], target, value)
-            if changed is not None:
-                actions[key] = changed
-                continue
             effect = g.SetNumber(target, Change.INCREASE, value, _ALWAYS, place)
             if world:
                 name = f"added {index} {ground.fluents[target].name}"
-                processes.append(
-                    g.GroundSchema(Kind.PROCESS, name, WORLD, (), (), (effect,), place)
-                )
+                process = g.GroundSchema(Kind.PROCESS, name, WORLD, (), (), (effect,), place)
+                processes.append(process)
             else:
-                effects = (*actions[key].effects, effect)
+                effects = _with_change(actions[key].effects, effect)
                 actions[key] = dataclasses.replace(actions[key], effects=effects)
     return dataclasses.replace(
         ground, parameters=tuple(parameters), actions=tuple(actions), processes=tuple(processes)
     )
 
 
-def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
-    """Return the action with a value added to its assignment; None where it has none."""
-    for k, effect in enumerate(action.effects):
-        if (
-            isinstance(effect, g.SetNumber)
-            and effect.target == target
-            and effect.change is Change.ASSIGN
-        ):
-            added = dataclasses.replace(effect, value=g.Operation("+", effect.value, value))
-            effects = (*action.effects[:k], added, *action.effects[k + 1 :])
-            return dataclasses.replace(action, effects=effects)
-    return None
+def _with_change(
+    effects: tuple[g.GroundEffect, ...], more: g.SetNumber
+) -> tuple[g.GroundEffect, ...]:
+    """Return effects with another one, which goes into an assignment of its fluent, if any."""
+    assigned = more.target, Change.ASSIGN
+    for k, own in enumerate(effects):
+        if isinstance(own, g.SetNumber) and (own.target, own.change) == assigned:
+            own = dataclasses.replace(own, value=g.Operation("+", own.value, more.value))
+            return (*effects[:k], own, *effects[k + 1 :])
+    return (*effects, more)
 
 
 @dataclass(frozen=True)
 class ParameterDependency:
-    """The direct dependencies on one parameter.
-
-    `schema` contains it, and its effect changes the `fluents`, columns of the function `symbol`.
-    `actions` are the positions of the ground actions whose effects contain it; None for a process,
-    which acts under every action.
-    """
+    """The direct dependencies on one parameter of a schema."""
 
     parameter: g.Parameter
     schema: str
-    symbol: str
-    fluents: frozenset[int]
-    actions: frozenset[int] | None
+    symbol: str  # the function that its effect changes
+    fluents: frozenset[int]  # columns of that function
+    actions: frozenset[int] | None  # positions of ground actions; None for a process
 
 
 def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:
@@ -166,35 +153,19 @@ def _parameters(value: g.Value) -> Iterator[int]:
             yield from _parameters(operand)
 
 
-_DIFFERENCE = 2.0**-10  # step of the finite differences, relative to the parameter
-_PRIOR_WIDTH = 10.0  # standard deviation of the prior, relative to the written value
-
-
 @dataclass(frozen=True)
 class Rows:
-    """All n (transition, fluent) pairs of one function symbol that can be compared.
+    """All n (transition, fluent) pairs of one function symbol that can be compared."""
 
-    Attributes:
-        rows: `[n]` positions in the data.
-        fluents: `[n]` columns of the state.
-        groups: `[n]` the executed action.
-        blocks: `[n]` block of neighbouring transitions, see `RegressionData`.
-        residuals: `[n]` observed − predicted.
-        change: `[n]` observed change.
-        columns: `[n, K]` derivatives of the prediction by the parameters that change the symbol.
-        owned: The K parameters, positions in θ.
-        unit: Observed range of the symbol's fluents.
-    """
-
-    rows: NDArray[np.int64]
-    fluents: NDArray[np.int64]
-    groups: NDArray[np.int64]
-    blocks: NDArray[np.int64]
-    residuals: Vector
-    change: Vector
-    columns: Vector
-    owned: tuple[int, ...]
-    unit: float
+    rows: NDArray[np.int64]  # `[n]` positions in the data
+    fluents: NDArray[np.int64]  # `[n]` columns of the state
+    groups: NDArray[np.int64]  # `[n]` the executed action
+    blocks: NDArray[np.int64]  # `[n]` of neighbouring transitions, see `RegressionData`
+    residuals: Vector  # `[n]` observed − predicted
+    change: Vector  # `[n]` observed
+    columns: Vector  # `[n, K]` derivatives of the prediction by the parameters that change it
+    owned: tuple[int, ...]  # the K parameters, positions in θ
+    unit: float  # observed range of the symbol's fluents
 
 
 @dataclass(frozen=True)
@@ -224,10 +195,7 @@ class ParameterEstimator:
         self._kept = undisturbed(model.replace(theta=self._written), data)
 
     def estimate(self, theta: Vector) -> ParameterFit:
-        """Fit all parameters at once, by at most four Gauss-Newton iterations from `theta` `[P]`.
-
-        Entries that an event of the model as written changes are not compared.
-        """
+        """Fit all parameters at once, by at most four Gauss-Newton iterations from `theta`."""
         theta = theta.copy()
         errors = np.full(len(theta), np.inf)
         counts = np.zeros(len(theta), dtype=np.int64)
@@ -236,8 +204,7 @@ class ParameterEstimator:
         for _ in range(4):
             before = theta.copy()
             slopes = {
-                dependency.parameter.index: self._slope(theta, predicted, dependency)
-                for dependency in self._dependencies
+                d.parameter.index: self._slope(theta, predicted, d) for d in self._dependencies
             }
             expected: dict[str, Vector] = {}
             for symbol, rows in self._rows(predicted, slopes).items():
@@ -283,6 +250,9 @@ class ParameterEstimator:
             owned = tuple(d.parameter.index for d in self._dependencies if d.symbol == symbol)
             row, which = np.nonzero(self._kept[:, fluents] & np.isfinite(predicted[:, fluents]))
             column = np.array(fluents)[which]
+            columns = np.empty((len(row), len(owned)))
+            for place, k in enumerate(owned):
+                columns[:, place] = slopes[k][row, column]
             found[symbol] = Rows(
                 rows=row,
                 fluents=column,
@@ -290,9 +260,7 @@ class ParameterEstimator:
                 blocks=data.blocks[row],
                 residuals=data.next_states[row, column] - predicted[row, column],
                 change=data.next_states[row, column] - data.states[row, column],
-                columns=np.stack([slopes[k][row, column] for k in owned], axis=1)
-                if owned
-                else np.empty((len(row), 0)),
+                columns=columns,
                 owned=owned,
                 unit=float(data.scale[fluents].max()),
             )
@@ -308,7 +276,7 @@ class ParameterEstimator:
         if not len(rows):
             return slope
         index = dependency.parameter.index
-        step = _DIFFERENCE * max(1.0, abs(theta[index]))
+        step = 2.0**-10 * max(1.0, abs(theta[index]))  # of the finite differences
         moved = theta.copy()
         moved[index] += step
         change = (self._predict(moved, rows) - predicted[rows]) / step
@@ -362,15 +330,12 @@ def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> s
 
 
 def _widths(rows: Rows, written: Vector, theta: Vector) -> Vector:
-    """Return the standard deviation of the prior for each owned parameter.
-
-    Ten times the written value, or the value that moves the fluent across its range.
-    """
+    """Return the prior's standard deviations: ten times the written value, or across the range."""
     owned = list(rows.owned)
     known = np.maximum(np.abs(written[owned]), np.abs(theta[owned]))
     slope = np.sqrt(np.mean(rows.columns**2, axis=0)) if len(rows.rows) else np.zeros(len(owned))
     usual = np.where(slope > 0, 0.1 * rows.unit / np.where(slope > 0, slope, 1.0), 0.0)
-    widths: Vector = _PRIOR_WIDTH * np.maximum(np.maximum(known, usual), 1e-12)
+    widths: Vector = 10.0 * np.maximum(np.maximum(known, usual), 1e-12)
     return widths
 
 
@@ -380,8 +345,6 @@ def _is_deterministic(fit: Regression, columns: Vector, unit: float) -> bool:
     exact = np.abs(fit.residuals[touched]) < 1e-6 * unit
     return bool(touched.any()) and bool(exact.mean() >= 0.9)
 
-
-# During a run
 
 _LEAST: Final = 0.25
 """Least fraction of a written value that a bounded estimate keeps. The mean of a rare effect is
@@ -443,10 +406,7 @@ class ParameterEstimation:
         return adopted
 
     def _bounded(self, theta: Vector) -> Vector:
-        """Return parameters `[P]` that keep the written sign and a fraction of the written size.
-
-        A parameter that is written as 0 is not bounded.
-        """
+        """Return parameters `[P]` with at least the written sign and a fraction of the size."""
         written = self._written.theta
         sign = np.where(written < 0.0, -1.0, 1.0)
         bounded: Vector = sign * np.maximum(sign * theta, _LEAST * np.abs(written))
@@ -464,14 +424,9 @@ class ParameterEstimation:
         All sums are over the same steps. A candidate without a prediction for a step that the first
         candidate predicts has an infinite error; fewer predictions must not be an advantage.
         """
-        off = np.array(
-            [
-                next_states - predictions(self._written.replace(theta=theta), states, actions)
-                for theta in candidates
-            ]
-            + [next_states - states]
-        )
-        squared = off * off
+        models = (self._written.replace(theta=theta) for theta in candidates)
+        guesses = [*(predictions(model, states, actions) for model in models), states]
+        squared = (next_states - np.array(guesses)) ** 2
         # Steps that all candidates predict badly do not distinguish them.
         best = np.where(np.isfinite(squared), squared, 0.0).min(axis=0)
         if len(best):

@@ -77,11 +77,7 @@ class LiftedModel:
         states: Vector,
         keys: NDArray[np.int64],
     ) -> Vector:
-        """Return the product of the factors in states `[n, F]`, 1 without any, `[n]`.
-
-        `keys` `[n]` are those of the binding of each row; the product is 0 where the scope has no
-        such binding.
-        """
+        """Return the product of factors in states `[n, F]`, `[n]`; 0 where a key has no binding."""
         values = np.zeros(len(states))
         for key in np.unique(keys):
             binding = scope.bindings.get(int(key))
@@ -118,10 +114,7 @@ class LiftedModel:
     def _fluents(
         self, variables: Sequence[str], bindings: Mapping[int, Mapping[str, str]]
     ) -> tuple[LiftedFluent, ...]:
-        """Return the fluents that exist under every binding, those with the fewest terms first.
-
-        At most 60, because the search for effects is quadratic in them.
-        """
+        """Return the fluents under every binding, those with the fewest terms first."""
         arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
         lifted = (
             LiftedFluent(symbol, terms)
@@ -132,7 +125,7 @@ class LiftedModel:
                 for binding in bindings.values()
             )
         )
-        return tuple(itertools.islice(lifted, 60))
+        return tuple(itertools.islice(lifted, 60))  # the search for effects is quadratic in them
 
 
 _BLOCK = 20  # number of consecutive transitions whose errors are assumed to be correlated
@@ -208,10 +201,7 @@ def usable_rows(
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
-    """Return which rows hold no faulty value, `[n]`: one would determine its fluent's range.
-
-    A fault is five ranges from the median; the range is that of 99 % of the values.
-    """
+    """Return which rows `[n]` have no value five ranges (of 99 % of them) from the median."""
     if not len(values):
         return np.ones(0, dtype=np.bool_)
     low, middle, high = np.quantile(values, (0.005, 0.5, 0.995), axis=0)

@@ -30,13 +30,8 @@ from serp.pddl.syntax import REWARD, TERMINAL
 class NormalEquations:
     """Sums of the rows of a design matrix of D columns, for T targets.
 
-    Targets that are always observed share one matrix; the others have another one.
-
-    Attributes:
-        block_of: `[T]` the matrix of each target, 0 or 1.
-        gram: `[blocks, D, D]`.
-        moment: `[D, T]`.
-        total: Rows in the sums.
+    Targets that are always observed share one matrix; the others have another one: `block_of` `[T]`
+    is the matrix of each target, 0 or 1. `gram` is `[blocks, D, D]`, `moment` `[D, T]`.
     """
 
     def __init__(self, block_of: NDArray[np.int64], size: int) -> None:
@@ -71,10 +66,7 @@ class NormalEquations:
     def solutions(
         self, ridge: Vector, sizes: Sequence[int]
     ) -> Iterator[tuple[NDArray[np.int64], list[Vector], Vector]]:
-        """Yield targets, their weights by the first columns of each size, and the Cholesky factor.
-
-        Nothing is yielded for a matrix without a finite solution.
-        """
+        """Yield targets, weights by the first columns of each size, and the Cholesky factor."""
         from scipy.linalg import lapack
 
         for gram, owned in zip(self.gram, self._owned, strict=True):
@@ -147,8 +139,6 @@ class ResidualRegression:
         errors = loss[r.FILE].tolist(), learned.tolist()
         columns = zip((p.kinds != r.FILE).tolist(), steps.tolist(), *errors, strict=True)
         return [TrackRecord(schema, use, int(seen), *both) for use, seen, *both in columns]
-
-    # Updates of sums and weights
 
     def _update(self, due: int) -> None:
         """Do what is due after the newest sample."""
@@ -269,8 +259,6 @@ class ResidualRegression:
         if kind:
             p.amplitude[kind - 1, owned, : features.shape[1]] = features
 
-    # Saved state
-
     _BOUNDS: Final[Mapping[str, tuple[float | None, float]]] = {
         "seen": (0, MOST), "samples": (0, MOST), "surprises": (0.0, 1.0),
         "loss": (0.0, np.inf), "doubt": (0.0, np.inf), "spread": (0.0, np.inf),
@@ -292,10 +280,9 @@ class ResidualRegression:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         meta = {name: getattr(self._samples, name) for name in self._COUNTS}
         meta |= {"features": self._parameters.features, "known": self._parameters.known}
-        arrays = {"kinds": self._parameters.kinds, "gram": self._sums.gram.copy()}
-        arrays |= {"moment": self._sums.moment.copy()}
-        arrays |= {name: array.copy() for name, array in self._arrays().items()}
-        return arrays, meta | {"total": self._sums.total}
+        sums = {"gram": self._sums.gram.copy(), "moment": self._sums.moment.copy()}
+        own = {name: array.copy() for name, array in self._arrays().items()}
+        return {"kinds": self._parameters.kinds, **sums, **own}, meta | {"total": self._sums.total}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; `RunError` if it does not fit."""

@@ -49,17 +49,11 @@ def regress(
     unit: float,
     reject: bool = True,
 ) -> Regression:
-    """Fit `target ≈ columns @ coefficients`.
+    """Fit `target ≈ columns @ coefficients`, `[n]` and `[n, K]`; `unit` is the target's range.
 
-    Args:
-        columns: `[n, K]`.
-        target: `[n]`.
-        centre: `[K]` mean of the prior.
-        width: `[K]` its standard deviation.
-        groups: `[n]` equal for rows whose errors have the same scale.
-        blocks: `[n]` equal for rows whose errors are correlated.
-        unit: Range of the target's quantity.
-        reject: Whether outliers are rejected, and not only down-weighted.
+    The prior has mean `centre` and standard deviation `width`, `[K]` each. Rows with an equal group
+    `[n]` have errors of the same scale, those with an equal block `[n]` correlated ones. Outliers
+    are down-weighted and, with `reject`, then rejected.
     """
     number = len(columns)
     weights = np.ones(number)
@@ -78,9 +72,8 @@ def regress(
             total = max(float(weights.sum()), 1.0)
             scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), rounding)
         coefficients = _solve(columns, residuals, weights, coefficients, centre, width, scale)
-        if turn > 3 and np.abs(coefficients - before).max(initial=0.0) <= 1e-9 * max(
-            float(np.abs(coefficients).max(initial=0.0)), 1e-300
-        ):
+        moved, size = np.abs(coefficients - before), np.abs(coefficients).max(initial=1e-300)
+        if turn > 3 and moved.max(initial=0.0) <= 1e-9 * size:
             break
     residuals = target - columns @ coefficients
     errors = _standard_errors(columns, residuals, weights, width, scale, blocks)
@@ -130,10 +123,7 @@ def _solve(
     width: Vector,
     scale: float,
 ) -> Vector:
-    """Return the coefficients of weighted least squares with the prior, from those before.
-
-    Uses the normal equations; the next iteration restores the digits that they lose.
-    """
+    """Return the coefficients of weighted least squares with the prior, by normal equations."""
     scaled = columns * (width / scale)
     weighted = scaled * weights[:, None]
     matrix = weighted.T @ scaled + np.eye(len(before))

@@ -20,15 +20,7 @@ class TransitionMemory:
     """A ring buffer of the newest transitions: state, ground action, next state, end, reward.
 
     The next state of a step that ended an episode is the last state of that episode, never the
-    first one of the next.
-
-    Args:
-        capacity: Most transitions, ≥ 1.
-        fluents: Width of a state, F.
-        actions: Number of ground actions, A.
-
-    Attributes:
-        seen: Transitions added, including those overwritten.
+    first one of the next. `seen` counts the transitions added, including those overwritten.
     """
 
     def __init__(self, capacity: int, fluents: int, actions: int) -> None:
@@ -53,15 +45,7 @@ class TransitionMemory:
     def add(
         self, state: Vector, action: int, next_state: Vector, over: bool, reward: float = 0.0
     ) -> None:
-        """Add one env step.
-
-        Args:
-            state: `[F]` before the action.
-            action: Position of the executed ground action; −1 where the model knows none.
-            next_state: `[F]` observed after it.
-            over: Whether the environment ended the task with the step.
-            reward: Reward of the step.
-        """
+        """Add an env step: states `[F]`, the executed ground action, −1 where none is known."""
         row = state, action, next_state, over, reward
         for part, value in zip(self._ring.values(), row, strict=True):
             part[self.seen % self._capacity] = value

@@ -39,29 +39,17 @@ MakeExternalAlgorithm = Callable[[gym.Env[Any, Any], str, int], ExternalAlgorith
 """(environment with flat observations and discrete actions, name of the task, seed) → algorithm."""
 
 PLANNER: Final = "mrp"
-"""The algorithm that is only the planner."""
 DQN: Final = "dqn"
-"""The algorithm that is only the learner: the baseline."""
-
-
 BASELINE: Final = "baseline="
 """Begins the name of an algorithm that is a controller of the user's."""
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """One algorithm.
+    """One algorithm, with the preset of its settings and its changes to that.
 
-    Attributes:
-        name: Its name.
-        description: One line.
-        kind: `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and
-            veto. `planner`: the planner without a learner. `external`: of another library.
-        preset: Preset of its settings.
-        changes: Its changes to the preset.
-        domain: Name of its domain file; empty for the task's own.
-        make_external: Makes an external algorithm; None for others.
-        advise: A controller of the user's, which acts in place of the planner; None for others.
+    `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and veto.
+    `planner`: the planner without a learner. `external`: of another library.
     """
 
     name: str
@@ -69,9 +57,9 @@ class Algorithm:
     kind: Literal["guided", "baseline", "planner", "external"]
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
-    domain: str = ""
+    domain: str = ""  # name of its domain file; empty for the task's own
     make_external: MakeExternalAlgorithm | None = None
-    advise: Advise | None = None
+    advise: Advise | None = None  # a controller of the user's, in place of the planner
 
     def changed(self, name: str, changes: Changes) -> Algorithm:
         """Return the algorithm with some settings changed, under a new name."""
@@ -92,10 +80,12 @@ class Algorithm:
         return settings.replace({"training": {"num_envs": 1}})
 
 
-_BASELINE: Final[Changes] = {
-    "guide": {"strategy": "mixture"},  # whose planner does not influence the learner
-    "adaptation": {"mode": "off"},  # a baseline uses no model
-}
+def _baseline(name: str, description: str, preset: str) -> Algorithm:
+    """Return a learner alone: its strategy has no influence on it, and it uses no model."""
+    changes: Changes = {"guide": {"strategy": "mixture"}, "adaptation": {"mode": "off"}}
+    return Algorithm(name, f"{description}: no planner, no veto", "baseline", preset, changes)
+
+
 OWN: Final[Mapping[str, Algorithm]] = {
     algorithm.name: algorithm
     for algorithm in (
@@ -114,19 +104,8 @@ OWN: Final[Mapping[str, Algorithm]] = {
                 "guide": {"strategy": "mixture"},
             },
         ),
-        Algorithm(
-            DQN,
-            "the learner of preset default alone, more exploration: no planner, no veto",
-            "baseline",
-            changes=_BASELINE,
-        ),
-        Algorithm(
-            "dqn-paper",
-            "the learner of preset paper alone: no planner, no veto",
-            "baseline",
-            "paper",
-            changes=_BASELINE,
-        ),
+        _baseline(DQN, "the learner of preset default alone, more exploration", "default"),
+        _baseline("dqn-paper", "the learner of preset paper alone", "paper"),
     )
 }
 """The algorithms of this library, by name."""
@@ -147,16 +126,11 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name.
+    """Return the algorithm of a name, or raise a SettingsError or a TaskError.
 
     `serp:learner.members=1` is `serp` with a setting changed; several changes are separated by
     semicolons. `serp@cartpole-reversed` is `serp` with another domain file.
     `baseline=FILE.py:FUNCTION` is a controller of the user's, a function as in `Task.planners`.
-
-    Raises:
-        SettingsError: There is no such algorithm, it uses no domain file, or a change has another
-            form.
-        TaskError: There is no such controller.
     """
     if name.startswith(BASELINE):
         advise = custom_function(name.removeprefix(BASELINE), f"--{name}")

@@ -23,13 +23,7 @@ from serp.model.domain import load_domain
 from serp.runs.comparison.algorithms import BASELINE, DQN, PLANNER, find_algorithm
 from serp.runs.comparison.pool import TrialsRequest, progress, run_jobs
 from serp.runs.comparison.statistics import Results
-from serp.runs.comparison.trial import (
-    Job,
-    TrialProtocol,
-    file_name,
-    make_external,
-    read_trial,
-)
+from serp.runs.comparison.trial import Job, TrialProtocol, file_name, make_external, read_trial
 from serp.runs.folder import default_path, lock_folder, make_empty
 from serp.runs.train import stop_between_episodes
 from serp.settings import resolve
@@ -53,13 +47,7 @@ class CompareSettings(TrialsRequest):
 
 
 class ComparisonPlan(BaseModel):
-    """The content of `plan.json`: everything that was requested of a comparison so far.
-
-    Attributes:
-        algorithms: Their names; the others are compared with the first.
-        settings: Changes to the settings of all algorithms, JSON values.
-        threshold: Return from which a policy counts as good; None for none.
-    """
+    """The content of `plan.json`: everything that was requested of a comparison so far."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
 
@@ -86,16 +74,9 @@ def read_plan(folder: Path) -> ComparisonPlan | None:
         ) from None
 
 
-# The folder ------------------------------------------------------------------------------------
-
-
 @contextlib.contextmanager
 def locked(folder: Path, mark: str) -> Iterator[None]:
-    """Create a folder, unless it has the file `mark` or is empty, and lock it.
-
-    Raises:
-        RunError: It cannot be created, holds other files, or another process writes it.
-    """
+    """Create a folder, unless it has the file `mark` or is empty, and lock it; see `make_empty`."""
     if not (folder / mark).is_file():
         make_empty(folder)
     lock = lock_folder(folder)
@@ -105,17 +86,10 @@ def locked(folder: Path, mark: str) -> Iterator[None]:
         lock.release()
 
 
-# The plan --------------------------------------------------------------------------------------
-
-
 def _planned(
     before: ComparisonPlan | None, bound: BoundTask, request: CompareSettings
 ) -> ComparisonPlan:
-    """Return the existing plan extended by a request, or a new one.
-
-    Raises:
-        SettingsError: The request is of another task, or of another protocol.
-    """
+    """Return the plan extended by a request of the same task and protocol, or a new one."""
     asked = request.model_dump(include={*TrialProtocol.model_fields}, exclude_none=True)
     if before is None:
         specification = bound.env.spec
@@ -137,10 +111,9 @@ def _planned(
                 "the same task and protocol. Compare in another folder (--out)."
             )
     own_baseline = () if request.baseline is None else (f"{BASELINE}{request.baseline}",)
+    names = dict.fromkeys((*before.algorithms, *request.algorithms, *own_baseline))
     update = {
-        "algorithms": tuple(
-            dict.fromkeys((*before.algorithms, *request.algorithms, *own_baseline))
-        ),
+        "algorithms": tuple(names),
         "seeds": tuple(sorted({*before.seeds, *request.seeds})),
         "settings": request.settings or before.settings,
         "threshold": before.threshold if request.threshold is None else request.threshold,
@@ -149,13 +122,7 @@ def _planned(
 
 
 def _with_domain_file(bound: BoundTask, name: str) -> Task:
-    """Return the loaded task with another domain file, or with its own where `name` is empty.
-
-    A name means what it means for `find_task`, or a file beside the task's own.
-
-    Raises:
-        SerpError: There is no such file, or it does not fit the task.
-    """
+    """Return the loaded task with another domain file, also one beside its own, if it is named."""
     if not name:
         return bound.task.loaded()
     own, limit = Path(bound.domain.source.name), bound.domain.max_ground_schemas
@@ -167,14 +134,7 @@ def _with_domain_file(bound: BoundTask, name: str) -> Task:
 
 
 def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
-    """Return the jobs of all trials, seed by seed.
-
-    Each algorithm is made once, so that errors occur before any trial runs.
-
-    Raises:
-        SerpError: An algorithm cannot be made, or a trial that was begun was made from other
-            settings or files.
-    """
+    """Return the jobs of all trials, seed by seed; each algorithm is made once, to meet errors."""
     place, jobs = folder.absolute() / "trials", []
     for algorithm in map(find_algorithm, plan.algorithms):
         task = _with_domain_file(bound, algorithm.domain)
@@ -206,12 +166,7 @@ def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison on the disk.
-
-    Attributes:
-        path: Its folder, with `report.html`.
-        results: The complete trials and their measures.
-    """
+    """A comparison on the disk: its folder with `report.html`, and the complete trials."""
 
     path: Path
     results: Results

@@ -16,14 +16,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
@@ -44,7 +37,7 @@ GROUP: Final = "serp.engines"
 LOCAL: Final = "local"
 """The engine of this library: processes of this machine."""
 
-Engine = Callable[[str | None, int | None], AbstractContextManager[tuple[Executor, int]]]
+Engine = Callable[[str | None, int | None], AbstractContextManager[tuple[futures.Executor, int]]]
 """(address of a cluster, most trials at the same time) → an executor and how many trials it runs.
 
 Without an address the engine starts workers on this machine. Without a number, as many trials run
@@ -67,10 +60,7 @@ _LOST: Final = (
 
 
 class TrialsRequest(Section):
-    """Options of whatever runs trials: their settings and seeds, and where they run.
-
-    None stands for the default.
-    """
+    """Options of whatever runs trials: settings, seeds, and where. None stands for the default."""
 
     first_seed: ClassVar[int] = 0
     """Where seeds begin of which only the number is given."""
@@ -131,11 +121,7 @@ def progress(what: str, quiet: bool) -> Iterator[Callable[[str], None]]:
 def run_jobs(
     jobs: Sequence[Job], request: TrialsRequest, stopping: Stopping, say: Callable[[str], None]
 ) -> Iterator[Ended]:
-    """Run jobs until a signal; yield how each ended that was begun.
-
-    Raises:
-        RunError: The engine cannot be started, or the jobs cannot be sent to its workers.
-    """
+    """Run jobs until a signal; yield how each ended that was begun."""
     if not jobs:
         return
     local = request.engine == LOCAL
@@ -197,7 +183,7 @@ def _run_apart(
     jobs: Sequence[Job], request: TrialsRequest, most: int | None, stopped: Callable[[], bool]
 ) -> Iterator[Ended]:
     """Run jobs in processes or on a cluster."""
-    waiting, running = deque(jobs), dict[Future[Ended], Job]()
+    waiting, running = deque(jobs), dict[futures.Future[Ended], Job]()
     with _opened(request, most) as (executor, slots, stop):
         while True:
             if stopped():
@@ -206,14 +192,14 @@ def _run_apart(
             while waiting and len(running) < slots:
                 try:
                     running[executor.submit(attempt, waiting[0])] = waiting[0]
-                except BrokenExecutor:
+                except futures.BrokenExecutor:
                     yield from (Ended(job, error=_LOST) for job in waiting)
                     waiting.clear()
                 else:
                     waiting.popleft()
             if not running:
                 return
-            for future in wait(running, timeout=0.2, return_when=FIRST_COMPLETED).done:
+            for future in futures.wait(running, 0.2, futures.FIRST_COMPLETED).done:
                 job = running.pop(future)
                 try:
                     ended = future.result()
@@ -228,11 +214,8 @@ def _run_apart(
 @contextlib.contextmanager
 def _opened(
     request: TrialsRequest, most: int | None
-) -> Iterator[tuple[Executor, int, Callable[[], None]]]:
-    """Yield executor, trials at the same time, and a function that stops them.
-
-    Processes of this machine stop after their episodes; at an exception they are killed.
-    """
+) -> Iterator[tuple[futures.Executor, int, Callable[[], None]]]:
+    """Yield executor, trials at the same time, and a function that stops them after episodes."""
     if request.engine != LOCAL:
         with find_engine(request.engine)(request.address, most) as (executor, slots):
             yield executor, slots, lambda: None
@@ -242,7 +225,7 @@ def _opened(
     others = set(multiprocessing.active_children())
     with safe_path():
         stop = context.Event()  # begins a process, too
-        with ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
+        with futures.ProcessPoolExecutor(most, context, _begin_worker, (stop,)) as executor:
             try:
                 yield executor, most, stop.set
             except BaseException:

@@ -94,9 +94,6 @@ def _versions(results: Results) -> str:
     return ", ".join(f"{name} {' and '.join(versions)}" for name, versions in made.items())
 
 
-# Tables ----------------------------------------------------------------------------------------
-
-
 def estimate_text(found: Estimate) -> str:
     """Return a value with its interval, if it has one, such as `482.1 [471, 495.2]`."""
     if math.isnan(found.value):
@@ -150,9 +147,6 @@ def values_table(results: Results, name: str) -> Content:
 def _measured(results: Results, measures: Sequence[Measure]) -> Content:
     rows = [[a, *(_cell(results, a, m.name) for m in measures)] for a in results.algorithms]
     return ["algorithm", *(measure.title for measure in measures)], rows
-
-
-# Figures ---------------------------------------------------------------------------------------
 
 
 def figures(results: Results) -> dict[str, Figure]:
@@ -218,9 +212,6 @@ def _curves(
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     legend(axes)
     return figure
-
-
-# Numbers for programs --------------------------------------------------------------------------
 
 
 def measures_csv(results: Results) -> str:

@@ -27,30 +27,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 RESAMPLES: Final = 5_000
-ENOUGH: Final = 5
-"""Number of seeds below which intervals are rough; they tend to be too narrow."""
-GRID: Final = 200
-"""Number of points of a training curve."""
+ENOUGH: Final = 5  # seeds below which intervals are rough; they tend to be too narrow
+GRID: Final = 200  # points of a training curve
 
 
 class Measure(NamedTuple):
-    """One measure.
-
-    Attributes:
-        name: Its column in `measures.csv`.
-        title: In tables, short.
-        meaning: Its definition, in a sentence or two.
-        better: Which way is better; None where neither is.
-        table: The table of the report that has it.
-        compared: Whether the report has the differences between algorithms.
-    """
+    """One measure: its column in `measures.csv`, its title in tables, its definition."""
 
     name: str
     title: str
     meaning: str
     better: Literal["higher", "lower"] | None
     table: Literal["returns", "safety", "task"]
-    compared: bool = False
+    compared: bool = False  # whether the report has the differences between algorithms
 
 
 # fmt: off
@@ -116,9 +105,6 @@ def _task_measure(name: str) -> Measure:
     return Measure(name, what, meaning, None, "task")
 
 
-# Measures of a trial ---------------------------------------------------------------------------
-
-
 def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
     """Return every measure of a trial.
 
@@ -134,14 +120,13 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
     begins = np.array([0.0, *ends[:-1], env_steps])  # the return of the last episode goes on
     at, worth = evaluation_curve(record)
     grid = np.unique([0.0, *at, env_steps])
+    area = trapezoid(np.interp(grid, at, worth), grid) / env_steps if len(at) else np.nan
     values = {
         "training_area": np.diff(begins) @ returns / env_steps if steps else np.nan,
         "first_50": _mean(returns[:50]),
         "last_20": _mean(returns[-WINDOW:]),
         "threshold_env_steps": _until(ends, returns, threshold),
-        "learner_area": trapezoid(np.interp(grid, at, worth), grid) / env_steps
-        if len(at)
-        else np.nan,
+        "learner_area": area,
         "final_learner": _final(record, "learner").get("return", np.nan),
         "final_policy": final.get("return", np.nan),
         "unsafe": episodes["unsafe_executed"].sum(),
@@ -182,17 +167,8 @@ def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else float("nan")
 
 
-# Statistics ------------------------------------------------------------------------------------
-
-
 class Estimate(NamedTuple):
-    """A number with its 95 % interval.
-
-    Attributes:
-        value: The statistic of the data; NaN where there are none.
-        low: Lower end; None where a sample has less than two values.
-        high: Upper end; None likewise.
-    """
+    """A number, NaN without data, and its 95 % interval; None of less than two values."""
 
     value: float
     low: float | None
@@ -225,10 +201,7 @@ def _excess(sample: Array, less: Array | None = None) -> Array:
 
 
 def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
-    """Return the statistic and the ends of its percentile interval; seeds are on the last axis.
-
-    The ends are the statistic itself where there are less than two seeds.
-    """
+    """Return the statistic and its percentile interval, [value, value] of less than two seeds."""
     value, size = _excess(*samples), sum(sample.size for sample in samples)
     if any(sample.shape[-1] < 2 for sample in samples):
         return value, value, value
@@ -245,9 +218,6 @@ def _with_interval(*samples: Array) -> tuple[Array, Array, Array]:
         rng=np.random.default_rng(0),
     ).confidence_interval
     return value, np.minimum(ends.low, value), np.maximum(ends.high, value)
-
-
-# Curves ----------------------------------------------------------------------------------------
 
 
 class Curves(NamedTuple):
@@ -270,11 +240,7 @@ def evaluation_curve(record: Record) -> tuple[Array, Array]:
 
 
 def training_curves(records: Iterable[Record], env_steps: int) -> Curves:
-    """Return training returns over env steps from 0 to the budget.
-
-    The return of the running episode is the mean over it and the 19 before it; the last complete
-    episode's goes on to the end.
-    """
+    """Return training returns, the moving mean of the running episode, from 0 to the budget."""
     grid, rows = np.linspace(0, env_steps, GRID), []
     for record in records:
         returns, ends = record.episodes["return"], record.episodes["env_steps"]
@@ -292,14 +258,12 @@ def evaluation_curves(records: Iterable[Record]) -> Curves:
 
 
 class Results:
-    """Complete trials and their measures.
+    """Complete trials, in the order of algorithms and seeds, and their measures.
 
     Attributes:
-        plan: The plan of the comparison.
-        records: In the order of algorithms and seeds.
         algorithms: Names of the algorithms with a complete trial, in order.
         measured: Trial → name of a measure → value.
-        measures: All measures of this comparison: those that every trial has, then the task's own.
+        measures: Those that every trial has, then the task's own.
     """
 
     def __init__(self, records: Iterable[Record], plan: ComparisonPlan) -> None:
@@ -348,10 +312,7 @@ class Results:
         return [*lines, *([self.caution] if self.caution else [])]
 
     def values(self, algorithm: str, name: str) -> Array:
-        """Return a measure of every trial of an algorithm, by seed.
-
-        An outcome that a trial never had counts 0; NaN is what was not measured.
-        """
+        """Return a measure of every trial, by seed; 0 for an outcome that never came."""
         absent = 0.0 if name.startswith("outcome.") else np.nan
         trials = (record.trial for record in self.of(algorithm))
         return np.array([self.measured[trial].get(name, absent) for trial in trials], np.float64)

@@ -24,12 +24,13 @@ from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from serp._util.files import read_regular, write_durably
 from serp._util.numbers import real
+from serp._util.plugins import blaming
 from serp._util.processes import one_thread
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
 from serp.agent.protocols import Learner
 from serp.agent.step_record import OnStep, StepRecord
-from serp.errors import Interrupted, RunError, SerpError, TaskError
+from serp.errors import Interrupted, RunError, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
@@ -116,11 +117,7 @@ class Job:
         return self.protocol.env_steps in read_evaluations(self.folder).get("env_steps", ())
 
     def refuse_changes(self) -> None:
-        """Check that the run in the folder was made from the same settings and domain file.
-
-        Raises:
-            RunError: It was not.
-        """
+        """Raise a RunError if the run in the folder has other settings or another domain file."""
         run = Run(self.folder)
         domain = self.task.load()
         copies = [file.read_text("utf-8") for file in run.copies()]
@@ -149,9 +146,7 @@ def file_name(name: str) -> str:
 def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
     """Train and evaluate into the job's folder, or go on with the run that is there.
 
-    Args:
-        job: The trial.
-        stopped: Whether to stop; asked after every episode.
+    After every episode, `stopped` says whether to stop.
 
     Raises:
         Interrupted: It was stopped; a trial of serp's algorithms can be continued.
@@ -208,11 +203,8 @@ class ExternalEnv(Bookkeeping, TaskEnv):
     """A task as a Gymnasium environment for a learner that trains itself.
 
     Episodes begin with the same seeds as in serp's training, whatever is given to `reset`. Nothing
-    is refused; the agent forecasts steps to count unsafe ones.
-
-    Attributes:
-        budget: Env steps after which no more is made; None for no limit.
-        on_step: Called with every env step.
+    is refused; the agent forecasts steps to count unsafe ones. No more than `budget` steps are
+    made; `on_step` is called with each.
     """
 
     def __init__(
@@ -221,8 +213,7 @@ class ExternalEnv(Bookkeeping, TaskEnv):
         Bookkeeping.__init__(self)
         TaskEnv.__init__(self, task, agent)
         self.budget: int | None = None
-        self.on_step = on_step
-        self._seed = seed
+        self._seed, self.on_step = seed, on_step
 
     def next_seed(self, seed: int | None) -> int:
         """Return the seed of the next episode of serp's training."""
@@ -255,15 +246,9 @@ def make_external(
         return agent, env, algorithm.make_external(env, bound.name, seed)
 
 
-@contextlib.contextmanager
-def _blamed(name: str) -> Iterator[None]:
+def _blamed(name: str) -> contextlib.AbstractContextManager[None]:
     """Raise a RunError that names an external algorithm for any exception of it."""
-    try:
-        yield
-    except SerpError:
-        raise
-    except Exception as error:
-        raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
+    return blaming(f"`{name}` failed", RunError)
 
 
 class _ExternalLearner(NamedTuple):
@@ -324,8 +309,7 @@ def _train_external(
 class _Evaluations:
     """Evaluates a learner, always on the same episodes, and keeps the rows in the run folder.
 
-    Attributes:
-        due: Numbers of env steps at which there is no evaluation yet.
+    `due` are the numbers of env steps at which there is no evaluation yet.
     """
 
     def __init__(self, job: Job, agent: Agent, trained_in: BoundTask, arena: BoundTask) -> None:
@@ -410,11 +394,7 @@ def _counted(info: dict[str, Any], name: str) -> float:
 
 
 def read_evaluations(folder: Path) -> Columns:
-    """Return the evaluations in the folder of a trial: numbers, NaN for an empty cell, and texts.
-
-    Raises:
-        RunError: The file is damaged.
-    """
+    """Return the evaluations of a trial: numbers, NaN for an empty cell, and texts."""
     file = folder / EVALUATIONS
     if not file.is_file():
         return {}
@@ -441,7 +421,6 @@ class Record:
     """The record of a complete trial.
 
     Attributes:
-        trial: The trial.
         episodes: The columns of `metrics.csv` of the episodes that ended within the budget.
         evaluations: The columns of `evaluations.csv`, with `info.<name>` for each counter of the
             environment's info that the task declares (`Task.counters`).
@@ -455,11 +434,7 @@ class Record:
 
 
 def read_trial(job: Job) -> Record:
-    """Return a complete trial.
-
-    Raises:
-        RunError: A file of it is damaged, or evaluations are missing.
-    """
+    """Return a complete trial; a RunError if a file is damaged, or evaluations are missing."""
     run, protocol = Run(job.folder), job.protocol
     metrics = run.metrics
     within = metrics["env_steps"] <= protocol.env_steps

@@ -50,11 +50,9 @@ def forecast_with(
     actions: NDArray[np.int64],
     observed: Vector | None = None,
 ) -> tuple[Vector, Vector]:
-    """Return what the written model patched with findings predicts for `states` `[N, F]`.
+    """Return what the written model patched with findings predicts; see `predicted_steps`.
 
-    `observed` are the next states, see `predicted_steps`. The prediction is the expected result of
-    the ground `actions` `[N]`, and its variance due to stochastic effects, `[N, F + 2]` each. The
-    columns are the fluents, the reward and the end; NaN in rows without a next state.
+    It is the expected result, and its variance due to stochastic effects, `[N, F + 2]` each.
     """
     lifted = LiftedModel(model.ground)
     theta = model.theta.copy()
@@ -120,21 +118,13 @@ def _lifted(name: str) -> LiftedFluent:
 
 
 class Steps(NamedTuple):
-    """Observed steps, over the fluents, the reward and the end, and what the file predicts.
-
-    Attributes:
-        sample: The transitions that the file is compared with.
-        before: `[N, F + 2]`; reward and end are 0.
-        after: `[N, F + 2]`; the end is 1 where the environment ended the task, else 0.
-        predicted: `[N, F + 2]` predictions of the file; NaN where there is none.
-        units: `[F + 2]` units of the errors.
-    """
+    """Observed steps, over the fluents, the reward and the end, `[N, F + 2]`, and predictions."""
 
     sample: RegressionData
-    before: Vector
-    after: Vector
-    predicted: Vector
-    units: Vector
+    before: Vector  # reward and end are 0
+    after: Vector  # the end is 1 where the environment ended the task, else 0
+    predicted: Vector  # by the file; NaN where there is none
+    units: Vector  # `[F + 2]`, of the errors
 
     @classmethod
     def of(cls, model: TransitionModel, experience: TransitionMemory) -> Self:
@@ -178,35 +168,23 @@ def symbols_of(model: TransitionModel) -> NDArray[np.str_]:
 class Quantity:
     """The accuracy of the predictions for the fluents of one symbol, the reward or the end.
 
-    Attributes:
-        name: The symbol; `reward`, or `terminal` for the end.
-        shown: How it is written: `(battery)`.
-        numeric: False for predicates and the end.
-        steps: Transitions compared.
-        change: Root mean square of the change in a step; for a predicate or an end the number of
-            changes. A reward and an end count as changes.
-        squared: Squared error of the file as written, in units of the squared change.
-        squared_left: The same of the file patched with the findings worth mentioning.
-        squared_chance: The part of `squared_left` expected from the stochastic effects found.
-        action: The ground action after which the error of the file is largest.
+    Its change is the root mean square of that in a step; for a predicate or an end the number of
+    changes. A reward and an end count as changes. Squared errors are in units of its square.
     """
 
-    name: str
-    shown: str
-    numeric: bool
-    steps: int
+    name: str  # the symbol, `reward` or `terminal`
+    shown: str  # how it is written: `(battery)`
+    numeric: bool  # False for predicates and the end
+    steps: int  # transitions compared
     change: float
-    squared: float
-    squared_left: float
-    squared_chance: float
-    action: str
+    squared: float  # error of the file as written
+    squared_left: float  # of the file patched with the findings worth mentioning
+    squared_chance: float  # the part of it expected from the stochastic effects found
+    action: str  # the ground action after which the error of the file is largest
 
     @property
     def error(self) -> float:
-        """Error of the file relative to the change; "nothing ever changes" has an error of 1.
-
-        A ratio of root mean squares, or of numbers of steps for predicates and ends.
-        """
+        """Error of the file relative to the change; "nothing ever changes" has an error of 1."""
         return self._share(self.squared)
 
     @property
@@ -226,21 +204,13 @@ class Quantity:
 def quantities_of(
     model: TransitionModel, steps: Steps, expected: Vector, variance: Vector
 ) -> tuple[Quantity, ...]:
-    """Return all quantities that change or are predicted to, reward and end last.
-
-    `expected` and `variance` `[N, F + 2]` are those of `forecast_with`.
-    """
+    """Return all quantities that change or are predicted to, given what `forecast_with` returns."""
     names, units = symbols_of(model), steps.units
     predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {TERMINAL}
     moves = steps.after - steps.before
-    errors, left, chance = (
-        np.nan_to_num(square) / units**2
-        for square in (
-            (steps.after - steps.predicted) ** 2,
-            (steps.after - expected) ** 2,
-            variance,
-        )
-    )
+    wrong, wrong_left = steps.after - steps.predicted, steps.after - expected
+    squares = wrong**2, wrong_left**2, variance
+    errors, left, chance = (np.nan_to_num(square) / units**2 for square in squares)
     number = max(1, len(moves))
     quantities = []
     for name in dict.fromkeys(names.tolist()):

@@ -99,22 +99,14 @@ class _Costs:
 def _parameters(
     model: TransitionModel, effects: EffectFit, costs: _Costs
 ) -> tuple[ParameterFinding, ...]:
-    fit = effects.fit
-    found = [
-        ParameterFinding(
-            parameter=parameter,
-            schema=dependency.schema,
-            fluent=dependency.symbol,
-            written=parameter.value,
-            estimate=float(fit.theta[parameter.index]),
-            error=float(fit.errors[parameter.index]),
-            samples=int(fit.samples[parameter.index]),
-            cost=costs.of([parameter.index], parameter.value, dependency.symbol),
-        )
-        for dependency in parameter_dependencies(model.ground)
-        for parameter in (dependency.parameter,)
-        if np.isfinite(fit.errors[parameter.index])
-    ]
+    fit, found = effects.fit, []
+    for own in parameter_dependencies(model.ground):
+        k, written = own.parameter.index, own.parameter.value
+        if np.isfinite(fit.errors[k]):
+            estimate = float(fit.theta[k]), float(fit.errors[k]), int(fit.samples[k])
+            cost = costs.of([k], written, own.symbol)
+            finding = own.parameter, own.schema, own.symbol, written, *estimate, cost
+            found.append(ParameterFinding(*finding))
     return tuple(sorted(found, key=lambda f: -f.cost))
 
 
@@ -129,27 +121,15 @@ def _missing(
     found = []
     for (schema, target), terms in by_target.items():
         indices = [index for index, _ in terms]
-        found.append(
-            MissingEffect(
-                schema=schema,
-                place=next((a.place for a in model.actions if a.schema == schema), None),
-                fluent=target.name,
-                terms=tuple(
-                    EffectTerm(
-                        float(fit.theta[index]),
-                        float(fit.errors[index]),
-                        tuple(factor.name for factor in effect.factors),
-                    )
-                    for index, effect in terms
-                ),
-                samples=int(fit.samples[indices].max()) if schema else rows,
-                cost=costs.of(indices, 0.0, target.symbol),
-            )
-        )
+        summands = []
+        for k, effect in terms:
+            names = tuple(factor.name for factor in effect.factors)
+            summands.append(EffectTerm(float(fit.theta[k]), float(fit.errors[k]), names))
+        place = next((a.place for a in model.actions if a.schema == schema), None)
+        samples = int(fit.samples[indices].max()) if schema else rows
+        cost = costs.of(indices, 0.0, target.symbol)
+        found.append(MissingEffect(schema, place, target.name, tuple(summands), samples, cost))
     return tuple(sorted(found, key=lambda f: -f.cost))
-
-
-# Stochastic effects
 
 
 def _stochastic_effects(model: TransitionModel, steps: Steps) -> tuple[StochasticEffect, ...]:
@@ -211,8 +191,8 @@ def _stochastic_effect(
 def _standard_errors(sets: NDArray[np.bool_], number: Vector, shares: Vector) -> Vector:
     """Return the standard errors of maximum-likelihood shares `[K]` of outcomes.
 
-    By the observed information along the directions that keep the sum of the shares. `sets`
-    `[S, K]` are the outcomes that explain an observation together, `number` `[S]` how often.
+    By the observed information along the directions that keep the sum of the shares; see
+    `OutcomeCounts.explanations`.
     """
     scores = sets / np.maximum(sets @ shares, 1e-12)[:, None]
     alive = shares > 1e-6
@@ -264,9 +244,6 @@ def _with_cost(model: TransitionModel, steps: Steps, effect: StochasticEffect) -
         for forecast in (steps.predicted[rows], mean)
     )
     return dataclasses.replace(effect, cost=max(0.0, float(error - left) / len(steps.sample)))
-
-
-# Rewards and ends
 
 
 class _Line(NamedTuple):
@@ -347,10 +324,7 @@ class _Lines:
     def predicted(
         self, state: Vector, action: int, next_state: Vector, worth: Vector
     ) -> dict[str, set[_Line]]:
-        """Return the lines that are predicted to apply; `worth` is the predicted reward and end.
-
-        Of an action with chance they are those of the outcome that fits the next state best.
-        """
+        """Return the lines that are predicted to apply; `worth` is the predicted reward and end."""
         outcome = self._model.written_core().outcome_of(state, action, next_state)
         passages = self._model.traced(state.tolist(), action, outcome=outcome).passages
         return self._applied([passage.site for passage in passages], *worth.tolist())

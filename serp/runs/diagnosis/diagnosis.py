@@ -26,13 +26,7 @@ from serp.runs.run import Run
 
 
 def read_recorded(path: Path) -> Run:
-    """Read a run that has recorded env steps, as of its checkpoint.
-
-    Raises:
-        RunError: The folder is not a run, it has no intact checkpoint or no env step in it, or its
-            copy of the domain was changed.
-        DomainError: Its copy of the domain is damaged.
-    """
+    """Read a run that has recorded env steps, as of its checkpoint, or raise a SerpError."""
     run = Run(path)
     if not len(run.adaptation.experience):
         raise RunError(
@@ -44,17 +38,10 @@ def read_recorded(path: Path) -> Run:
 
 @dataclass(frozen=True)
 class Remark:
-    """A finding in words.
-
-    Attributes:
-        text: The sentence, without a full stop.
-        share: Fraction, 0 to 1, of the squared error of its fluents that the finding explains.
-        line: Line of the file; None where there is none.
-        finding: The finding.
-    """
+    """A finding in words, without a full stop, with its line of the file."""
 
     text: str
-    share: float
+    share: float  # of the squared error of its fluents that the finding explains, 0 to 1
     line: int | None
     finding: Finding
 
@@ -88,10 +75,8 @@ class Diagnosis:
         if not quantities:
             return "Nothing changed in these steps, as predicted."
         worst = max(quantities, key=lambda q: q.error)
-        good, good_left = (
-            sum(error <= WELL for error in errors)
-            for errors in ([q.error for q in quantities], [q.unexplained for q in quantities])
-        )
+        good = sum(q.error <= WELL for q in quantities)
+        good_left = sum(q.unexplained <= WELL for q in quantities)
         if good == len(quantities):
             text = f"The file predicts well: every error is at most {percent(worst.error)} of the "
             return text + f"change, that of {worst.shown}."
@@ -102,11 +87,7 @@ class Diagnosis:
 
     @property
     def unexplained(self) -> list[str]:
-        """A sentence for each quantity that the findings do not explain, the worst first.
-
-        A quantity is explained if the patched file predicts it to within 10 % of its change, apart
-        from the expected error of the stochastic effects found.
-        """
+        """A sentence for each quantity that the findings do not explain, the worst first."""
         rest = sorted(self.quantities, key=lambda q: -q.unexplained)
         return [_unexplained(quantity) for quantity in rest if quantity.unexplained > WELL]
 
@@ -140,10 +121,8 @@ def make_diagnosis(recorded: Run, found: Findings) -> Diagnosis:
     steps = Steps.of(model, recorded.adaptation.experience)
 
     def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
-        sample = steps.sample
-        mean, variance = forecast_with(
-            model, told, sample.states, sample.actions, sample.next_states
-        )
+        s = steps.sample
+        mean, variance = forecast_with(model, told, s.states, s.actions, s.next_states)
         return mean, quantities_of(model, steps, mean, variance)
 
     processes = {process.schema for process in model.ground.processes}

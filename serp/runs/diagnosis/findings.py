@@ -52,15 +52,9 @@ class _OfFluent:
 
 @dataclass(frozen=True)
 class ParameterFinding(_OfFluent):
-    """An estimate of a number that the file writes in an effect or a rate.
+    """An estimate of a number that the file writes in an effect or a rate of a schema.
 
-    Attributes:
-        parameter: The number, with its place.
-        schema: Name of the action or process schema that contains it.
-        fluent: Symbol of the function that the effect changes.
-        written: Its value in the file.
-        estimate: Its value estimated from the transitions.
-        error: Standard error of the estimate.
+    `fluent` is the function that it changes, `error` the standard error of the estimate.
     """
 
     parameter: Parameter
@@ -96,19 +90,12 @@ class ParameterFinding(_OfFluent):
 
 @dataclass(frozen=True)
 class MissingEffect(_OfFluent):
-    """An observed change that the file does not mention.
+    """An observed change that the file does not mention, of a fluent such as `battery ?robot`."""
 
-    Attributes:
-        schema: Name of the action schema; empty for a change per unit of time under every action.
-        place: Where that schema is written; None where there is none.
-        fluent: Name of the fluent that changes: `battery ?robot`.
-        terms: The summands of the change.
-    """
-
-    schema: str
-    place: Place | None
+    schema: str  # of the action; empty for a change per unit of time under every action
+    place: Place | None  # of the schema
     fluent: str
-    terms: tuple[EffectTerm, ...]
+    terms: tuple[EffectTerm, ...]  # the summands of the change
     samples: int
     cost: float
 
@@ -126,22 +113,16 @@ class MissingEffect(_OfFluent):
 
 @dataclass(frozen=True)
 class ObservedOutcome:
-    """One outcome of a stochastic effect.
+    """One outcome of a stochastic effect, with its probability and its standard error.
 
-    Attributes:
-        changes: (name of the fluent, its change); `()` where nothing changes.
-        probability: Its probability, 0 to 1.
-        error: Standard error of the probability.
-        written: Whether it is the effect in the file.
-        like: Name of the action schema whose effect in the file it is, with its conditions, such as
-            walls; empty for a change.
+    `like` is the action schema whose effect in the file it is, with its conditions, such as walls.
     """
 
-    changes: tuple[tuple[str, float], ...]
+    changes: tuple[tuple[str, float], ...]  # (name of the fluent, its change)
     probability: float
     error: float
-    written: bool
-    like: str = ""
+    written: bool  # whether it is the effect in the file
+    like: str = ""  # empty for a change
 
     def text(self, predicates: set[str]) -> str:
         """Return the changes as a part of a sentence."""
@@ -201,10 +182,6 @@ class RuleFinding(_OfFluent):
     Attributes:
         schema: Name of the action, process or event; `goal` or `metric`; empty for rewards or ends
             that no line predicts.
-        place: Where it is written; None where there is no such place.
-        fluent: `reward` or `terminal`.
-        predicted: Steps in which the line was predicted to apply.
-        correct: Number of these with the predicted reward or end.
         unpredicted: Steps in which the line applies to the observed state but was not predicted to;
             without a line, steps with an unpredicted reward or end.
         expected: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
@@ -214,9 +191,9 @@ class RuleFinding(_OfFluent):
 
     schema: str
     place: Place | None
-    fluent: str
-    predicted: int
-    correct: int
+    fluent: str  # `reward` or `terminal`
+    predicted: int  # steps in which the line was predicted to apply
+    correct: int  # of these with the predicted reward or end
     unpredicted: int
     expected: float
     observed: float
