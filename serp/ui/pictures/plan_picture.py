@@ -1,8 +1,9 @@
 """The picture of a decision: the planning graph as SVG, with text that can be searched.
 
 The graph is laid out as a tree from left to right: one column per layer, one row per leaf. The best
-edge out of a node goes straight on, so that the best path is the top row; the others follow below. Equal states of a layer are one node; its children are shown once,
-behind the best edge that reaches it. Of a large graph the best part is drawn.
+edge out of a node goes straight on, so that the best path is the top row; the others follow below.
+Equal states of a layer are one node; its children are shown once, behind the best edge that reaches
+it. Of a large graph the best part is drawn.
 """
 
 from __future__ import annotations

@@ -78,6 +78,12 @@ def _write(
     first: bool = False,
 ) -> None:
     """Write one version of the page."""
+    for other in others:
+        if other.domain.name != run.domain.name:
+            raise RunError(f"{other.path} is a run of {other.domain.name}, not of "
+                           f"{run.domain.name}: their returns cannot be compared")  # fmt: skip
+        if not len(other.metrics["return"]):
+            raise RunError(f"{other.path}: no episode has ended yet, so it has no curve")
     recording = run.recording(evaluation)
     layout, sources = recording.layout, run.domain.sources
     numbers = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
@@ -101,17 +107,16 @@ def _write(
         ("large errors", "back-error", errors.large),
     ]
     bits = np.array([1, 2, 4, 8], np.uint8) @ np.stack([of for _, _, of in kinds])
-    curves = [(each.metrics["env_steps"], moving_mean(each.metrics["return"])) for each in others]
-    kept = [np.unique(np.linspace(0, len(at) - 1, 500).astype(np.int64)) for at, _ in curves]
-    drawn = {
-        f"{name}{k}": curve[rows]
-        for k, (pair, rows) in enumerate(zip(curves, kept, strict=True))
-        for name, curve in zip(("otherAt", "otherMean"), pair, strict=True)
-    }
+    curves = dict[str, NDArray[Any]]()
+    for k, each in enumerate(others):
+        metrics = each.metrics
+        rows = np.unique(np.linspace(0, len(metrics["return"]) - 1, 500).astype(np.int64))
+        curves[f"otherAt{k}"] = metrics["env_steps"][rows]
+        curves[f"otherMean{k}"] = moving_mean(metrics["return"])[rows]
     arrays, order = _packed(
         {
             **curve_arrays(run.metrics),
-            **drawn,
+            **curves,
             **_step_arrays(shown, errors, accounts),
             "bits": bits,
             "card": card,
@@ -126,7 +131,7 @@ def _write(
         "steps": len(shown),
         "training": evaluation is None,
         "dt": layout.control_period,
-        "envSteps": int(max(at.max(initial=1) for at in (run.metrics["env_steps"], *(a for a, _ in curves)))),
+        "envSteps": int(max(each.metrics["env_steps"].max(initial=1) for each in (run, *others))),
         "others": [visible(str(each.path)) for each in others],
         "actors": actors,
         "actions": actions,

@@ -8,7 +8,7 @@ function ticks(low, high, count) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= rough);
   const found = [];
-  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step + 0); // no −0
   return found;
 }
 
@@ -62,7 +62,7 @@ function drawCurve(box) {
   add("path", { class: "dots", d: dots.join("") });
   add("path", { class: "mean-band", d: area(c.curveAt, c.meanLow, c.meanHigh, x, y) });
   add("path", { class: "mean-line", d: line(c.curveAt, c.mean, x, y) });
-  meta.others.forEach((_, k) => add("path", { class: `other other-${(k + 1) % 5}`,
+  meta.others.forEach((_, k) => add("path", { class: `other other-${(k + 1) % 4}`,
     d: line(c[`otherAt${k}`], c[`otherMean${k}`], x, y) }));
   const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });
   svg.addEventListener("pointermove", (event) => {
