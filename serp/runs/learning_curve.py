@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from serp._util.figures import ACTORS, INK, LINE, PLANNER, STYLE, caption, legend
+from serp._util.figures import ACTORS, INK, LINE, STYLE, caption, legend
 from serp.runs.summary import WINDOW, Metrics, binned_shares, moving_interval, moving_mean
 
 
@@ -39,8 +39,8 @@ def _draw_returns(axes: Axes, metrics: Metrics) -> None:
         steps, returns, color=LINE, linestyle="none", marker=".", markersize=4, alpha=0.4,
         markeredgewidth=0, rasterized=many, clip_on=False,
     )  # fmt: skip
-    axes.fill_between(steps, low, high, color=PLANNER, alpha=0.22, linewidth=0, rasterized=many)
-    axes.plot(steps, mean, color=PLANNER, linewidth=2.4)
+    axes.fill_between(steps, low, high, color=INK, alpha=0.13, linewidth=0, rasterized=many)
+    axes.plot(steps, mean, color=INK, linewidth=2.4)
     axes.set_ylabel("return per episode")
     caption(axes, f"line: mean of the last {WINDOW} episodes · band: its 95 % interval · points: "
                   "single episodes")  # fmt: skip

@@ -151,8 +151,9 @@ class Viewer:
 
     def picture(self) -> NDArray[np.uint8]:
         """Return what was drawn last, uint8 of shape `(height, width, 3)`."""
-        pixels: NDArray[np.uint8] = pygame.surfarray.array3d(self._canvas)
-        return np.ascontiguousarray(pixels.transpose(1, 0, 2))
+        width, height = self._size
+        pixels = np.frombuffer(pygame.image.tobytes(self._canvas, "RGB"), np.uint8)
+        return pixels.reshape(height, width, 3)
 
     def show(self, frames_per_second: float) -> None:
         """Put what was drawn last into a window, no more often than that."""

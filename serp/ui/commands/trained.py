@@ -101,8 +101,10 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     "serp report runs/seven",
     "serp report runs/seven -o seven.html --pictures 0",
     "serp report runs/seven --evaluation serp-seed0 -o evaluation.html",
+    "serp report runs/seven runs/eight",
 )
 @run_argument
+@click.argument("others", type=click.Path(path_type=Path), nargs=-1, metavar="[RUN2]...")
 @click.option("-o", "--out", type=OutputFile(".html"), metavar="FILE.html",
               help="The file.  [default: report.html in RUN]")  # fmt: skip
 @click.option("--evaluation", metavar="NAME",
@@ -112,18 +114,26 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
               help="Most steps in the file.")  # fmt: skip
 @click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
               metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
-def report(run: Path, out: Path | None, **options: Any) -> None:
+def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Write RUN, a folder of plan-and-learn, as one HTML file.
+
+    A first page, without pictures, is there after a few seconds; the whole one replaces it. The
+    mean returns of further runs are drawn over those of RUN.
 
     It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
     its alternatives and the lines of the file behind the executed and the refused action.
     """
+    from serp.runs.run import Run
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    opened = open_run(run)
-    with working(f"writing {path}"):
-        write_report(opened, path, **options)
+    write_report(
+        open_run(run),
+        path,
+        others=[Run(each) for each in others],
+        on_first=lambda: say(f"{path}: the first page can be read; pictures and the rest follow"),
+        **options,
+    )
     _print_size(path)
 
 
@@ -187,7 +197,8 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
     """Print what `serp.agent.agent.account_of` and `sight_of` return."""
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
-        rows.append(("evidence", account["evidence"]["sentence"]))
+        sentence = account["evidence"]["sentence"]
+        rows.append(("evidence of the training, the newest episodes counting most", sentence))
     if sight["safety_alone"] is not None:
         share = {name: percent(share or 0.0) for name, share in sight.items()}
         parts = []

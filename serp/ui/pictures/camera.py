@@ -73,6 +73,6 @@ def webp(picture: Picture, width: int) -> bytes:
     image, buffer = Image.fromarray(picture), io.BytesIO()
     if image.width > width:
         size = (width, max(1, round(image.height * width / image.width)))
-        image = image.resize(size, Image.Resampling.HAMMING)
+        image = image.resize(size, Image.Resampling.HAMMING, reducing_gap=1.0)
     image.save(buffer, "WEBP", quality=60, method=2)
     return buffer.getvalue()

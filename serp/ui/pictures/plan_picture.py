@@ -1,8 +1,9 @@
 """The picture of a decision: the planning graph as SVG, with text that can be searched.
 
-The graph is laid out as a tree from left to right: one column per layer, one row per leaf; an inner
-node is centred on its children. Equal states of a layer are one node; its children are shown once,
-behind the best edge that reaches it. Of a large graph the best part is drawn.
+The graph is laid out as a tree from left to right: one column per layer, one row per leaf. The best
+edge out of a node goes straight on, so that the best path is the top row; the others follow below.
+Equal states of a layer are one node; its children are shown once, behind the best edge that reaches
+it. Of a large graph the best part is drawn.
 """
 
 from __future__ import annotations
@@ -127,7 +128,7 @@ def _select(graph: nx.MultiDiGraph, weight: float, keep: int, most: int) -> tupl
 
 
 def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> list[Branch]:
-    """Return the best edges behind a branch, in the file's order."""
+    """Return the best edges behind a branch, the best first."""
     layer = parent.layer + 1
     scale, fan = weight**layer, []
     for _, target, action, data in graph.out_edges(parent.target, keys=True, data=True):
@@ -152,8 +153,7 @@ def _fan(graph: nx.MultiDiGraph, parent: Branch, weight: float, keep: int) -> li
                 end="ended" if goal["ended"] else "leaf",
             )
         )
-    best = sorted(fan, key=lambda branch: branch.rank)[:keep]
-    return sorted(best, key=lambda branch: branch.action)
+    return sorted(fan, key=lambda branch: branch.rank)[:keep]
 
 
 def _place(parent: Branch, rows: float) -> float:
@@ -163,7 +163,7 @@ def _place(parent: Branch, rows: float) -> float:
     if not parent.children:
         parent.row = rows + 1.0
         return parent.row
-    parent.row = (parent.children[0].row + parent.children[-1].row) / 2
+    parent.row = parent.children[0].row
     return rows + 0.3
 
 
@@ -177,7 +177,8 @@ class _GraphDrawing:
         self.edges = f"{len(branches):,} of {plan.graph.number_of_edges():,} edges are drawn"
         self._columns = [_MARGIN]
         for layer in range(1 + max((branch.layer for _, branch in branches), default=-1)):
-            longest = max(len(branch.label) for _, branch in branches if branch.layer == layer)
+            longest = max(len(b.label) * (1.25 if b.chosen else 1)
+                          for _, b in branches if b.layer == layer)  # fmt: skip
             self._columns.append(self._columns[-1] + _TURN + 24 + _CHARACTER * longest)
         self.width, style = self._columns[-1] + _MARGIN, f'style="fill:{colour("ink")}"'
         self.height = _y(max([1.0, *(branch.row for _, branch in branches)])) + 14
@@ -205,7 +206,8 @@ class _GraphDrawing:
         yield f'<path d="{path}H{end - 6:.1f}" {style}/>'
         sign = _ENDS[branch.end][0] if branch.end in _ENDS else "•"
         yield _text(end - 5, y + 4.5, sign, "ink")
-        yield _text(turned + 4, y - 5.5, branch.label, ink, bold=branch.chosen)
+        large = branch.chosen and branch.layer == 0
+        yield _text(turned + 4, y - 5.5, branch.label, ink, bold=branch.chosen, large=large)
         yield "</g>"
 
     def _tooltip(self, branch: Branch) -> str:
@@ -264,6 +266,10 @@ def _y(row: float) -> float:
     return _MARGIN + 23.0 * row
 
 
-def _text(x: float, y: float, text: str, shade: str = "faint", *, bold: bool = False) -> str:
-    style = f'style="fill:{colour(shade)}"' + ' font-weight="600"' * bold
+def _text(
+    x: float, y: float, text: str, shade: str = "faint", *, bold: bool = False, large: bool = False
+) -> str:
+    style = (
+        f'style="fill:{colour(shade)}"' + ' font-weight="600"' * bold + ' font-size="16"' * large
+    )
     return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'

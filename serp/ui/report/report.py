@@ -6,10 +6,10 @@ import base64
 import functools
 import gzip
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from serp._util.figures import page_colours
 from serp._util.files import write_durably
 from serp._util.terminal import bar, visible
-from serp._util.text import percent, plural, readable
+from serp._util.text import duration, percent, plural, readable
 from serp.errors import RunError, needs_extra
 from serp.planning.forecast import SAFE
 from serp.runs.recording import ACTORS, Layout
-from serp.runs.results import lead, title
+from serp.runs.results import lead, return_of, title
 from serp.runs.rollout import evaluation_seed, training_seed
 from serp.runs.run import Run
-from serp.runs.summary import WINDOW, summarize
+from serp.runs.summary import WINDOW, moving_mean, summarize
 from serp.ui.report.recorded_steps import (
     RecordedEpisode,
     RecordedSteps,
@@ -40,15 +40,50 @@ with needs_extra("report", "a report of a run"):
     from serp._util.templates import render
 
 
+FIRST_STEPS: Final = 1_000
+"""Most steps of the page that is written first."""
+
+
 def write_report(
-    run: Run, path: Path, *, evaluation: str | None, steps: int, pictures: int
+    run: Run,
+    path: Path,
+    *,
+    evaluation: str | None,
+    steps: int,
+    pictures: int,
+    others: Sequence[Run] = (),
+    on_first: Callable[[], None] = lambda: None,
 ) -> None:
     """Write the report of a run, one HTML document without references to other files.
 
     `evaluation` is the recorded evaluation whose steps are shown, None those of the training;
     `steps` and `pictures` are the most that the page has (fewer steps of many fluents and actions).
-    An existing file is replaced.
+    The mean returns of the `others` are drawn over those of the run. A page of `FIRST_STEPS` steps
+    without pictures is written first, and `on_first` called; the whole one replaces it. An existing
+    file is replaced.
     """
+    _write(run, path, evaluation, min(steps, FIRST_STEPS), 0, others, first=True)
+    on_first()
+    _write(run, path, evaluation, steps, pictures, others)
+
+
+def _write(
+    run: Run,
+    path: Path,
+    evaluation: str | None,
+    steps: int,
+    pictures: int,
+    others: Sequence[Run],
+    *,
+    first: bool = False,
+) -> None:
+    """Write one version of the page."""
+    for other in others:
+        if other.domain.name != run.domain.name:
+            raise RunError(f"{other.path} is a run of {other.domain.name}, not of "
+                           f"{run.domain.name}: their returns cannot be compared")  # fmt: skip
+        if not len(other.metrics["return"]):
+            raise RunError(f"{other.path}: no episode has ended yet, so it has no curve")
     recording = run.recording(evaluation)
     layout, sources = recording.layout, run.domain.sources
     numbers = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
@@ -72,9 +107,16 @@ def write_report(
         ("large errors", "back-error", errors.large),
     ]
     bits = np.array([1, 2, 4, 8], np.uint8) @ np.stack([of for _, _, of in kinds])
+    curves = dict[str, NDArray[Any]]()
+    for k, each in enumerate(others):
+        metrics = each.metrics
+        rows = np.unique(np.linspace(0, len(metrics["return"]) - 1, 500).astype(np.int64))
+        curves[f"otherAt{k}"] = metrics["env_steps"][rows]
+        curves[f"otherMean{k}"] = moving_mean(metrics["return"])[rows]
     arrays, order = _packed(
         {
             **curve_arrays(run.metrics),
+            **curves,
             **_step_arrays(shown, errors, accounts),
             "bits": bits,
             "card": card,
@@ -89,7 +131,8 @@ def write_report(
         "steps": len(shown),
         "training": evaluation is None,
         "dt": layout.control_period,
-        "envSteps": int(run.metrics["env_steps"].max(initial=1)),
+        "envSteps": int(max(each.metrics["env_steps"].max(initial=1) for each in (run, *others))),
+        "others": [visible(str(each.path)) for each in others],
         "actors": actors,
         "actions": actions,
         "fluents": [{"name": visible(each.name), "numeric": each.numeric}
@@ -116,6 +159,10 @@ def write_report(
         meta=meta,
         arrays=Markup(arrays),
         summary=summary,
+        returned=return_of(summary),
+        lasted=duration(summary["wall_time"]),
+        curves=[visible(str(each.path)) for each in (run, *others)],
+        first=first,
         window=WINDOW,
         off=errors.mean,
         evaluation=evaluation,

@@ -8,7 +8,7 @@ function ticks(low, high, count) {
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((k) => k * power).find((k) => k >= rough);
   const found = [];
-  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step);
+  for (let k = Math.ceil(low / step); k * step <= high + 1e-9 * step; k++) found.push(k * step + 0); // no −0
   return found;
 }
 
@@ -51,7 +51,7 @@ function drawCurve(box) {
   const c = arrays;
   const seen = Array.from(c.curveReturns).sort((a, b) => a - b);
   const bounds = [seen[Math.floor(0.01 * seen.length)], seen[Math.floor(0.99 * (seen.length - 1))],
-    ...c.mean];
+    ...c.mean, ...meta.others.flatMap((_, k) => [...c[`otherMean${k}`]])];
   let low = Math.min(...bounds), high = Math.max(...bounds);
   const room = 0.06 * (high - low || 1);
   [low, high] = [low - room, high + room];
@@ -62,6 +62,8 @@ function drawCurve(box) {
   add("path", { class: "dots", d: dots.join("") });
   add("path", { class: "mean-band", d: area(c.curveAt, c.meanLow, c.meanHigh, x, y) });
   add("path", { class: "mean-line", d: line(c.curveAt, c.mean, x, y) });
+  meta.others.forEach((_, k) => add("path", { class: `other other-${(k + 1) % 4}`,
+    d: line(c[`otherAt${k}`], c[`otherMean${k}`], x, y) }));
   const mark = add("line", { class: "chosen", y1: MARGIN.top, y2: 300 - MARGIN.bottom, x1: -9, x2: -9 });
   svg.addEventListener("pointermove", (event) => {
     const k = nearest(event);

@@ -54,7 +54,8 @@ if (total()) {
     meta.actions.length, fillAlternative);
   if (arrays.pictureAt.length > 1) scene = new Scene(byId("scene"), arrays.pictures, arrays.pictureAt);
   byId("after").parentElement.hidden = !scene;
-  now = Math.min(meta.start, total() - 1);
+  const asked = /^#step-(\d+)$/.exec(location.hash); // of the run, as `serp why --step`
+  now = asked ? nearestOf(arrays.position, Number(asked[1])) : Math.min(meta.start, total() - 1);
   connectSteps();
 }
 fit();
@@ -63,5 +64,6 @@ addEventListener("resize", () => { if (innerWidth !== width) { width = innerWidt
 requestAnimationFrame(() => { // after the first step was written
   const mentioned = document.querySelector(".file .used");
   if (mentioned) toLine(mentioned.id, false);
+  if (location.hash.startsWith("#step-")) byId("steps").scrollIntoView();
   document.documentElement.dataset.ready = "true";
 });

@@ -53,6 +53,7 @@ class EditorPane:
                         documents[which].text,
                         language="Common Lisp",
                         indent="  ",
+                        line_wrapping=True,  # a comment is read to its end
                         on_change=functools.partial(self._edited, which),
                         keymap={"Mod-s": lambda: self.save()},
                     ).classes("serp-code")

@@ -43,6 +43,8 @@ async def show_page(session: Session) -> None:
         ui.label("serp studio").classes("serp-brand")
         state = ui.label().classes("serp-file")
         ui.element("div").classes("serp-space")
+        keys = "Ctrl+S saves · Tab goes on, Esc then Tab leaves the text · ← → move a slider"
+        ui.label(keys).classes("serp-faint serp-keys")
         save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
     with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:
         files = ui.element("section").classes("serp-editor").props('aria-label="Files"')
@@ -86,7 +88,11 @@ class DecisionPane:
         with self._root:
             self._table = ui.html()
             self._verdict = ui.label().classes("serp-faint").props('role="status"')
-            self._graph = ui.html().classes("serp-graph").props('tabindex="0"')
+            self._graph = (
+                ui.html()
+                .classes("serp-graph")
+                .props('tabindex="0" role="region" aria-label="Planning graph"')
+            )
         follow_places(self._table, jump)
         live.shows(self.show)
 

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from serp.runs.run import Run
 from serp.runs.tables import read_metrics
+from serp.ui.report.report import write_report
 from serp.ui.root import serp
 from tests.serp.ui.cli.conftest import QUICK, train
 from tests.serp.ui.studio.browser import CHROMIUM, chromium
@@ -118,6 +119,22 @@ def test_a_damaged_evaluation_is_named(run, trained, tmp_path):
     header.write_text("{")
     told = run("report", str(damaged), "--evaluation=planner-seed20", expect=1).stderr
     assert f"{header} is damaged" in told
+
+
+def test_the_first_page_is_whole_and_further_runs_are_drawn_over_it(run, trained, tmp_path):
+    first, other = [], Run(shutil.copytree(trained, tmp_path / "other"))
+    target = tmp_path / "page.html"
+    write_report(Run(trained), target, evaluation=None, steps=9_999, pictures=0, others=[other],
+                 on_first=lambda: first.append(target.read_text()))  # fmt: skip
+    assert "This is the first page" in first[0]
+    meta, arrays = data_of(target)
+    assert "This is the first page" not in target.read_text() and meta["others"] == [
+        f"{other.path}"
+    ]
+    np.testing.assert_allclose(arrays["otherMean0"], arrays["mean"], rtol=1e-5)
+    foreign = train(tmp_path / "hill", "--domain=hill", "--episodes=1", *QUICK)
+    told = run("report", str(trained), str(foreign), expect=1).stderr
+    assert "is a run of hill, not of cartpole" in told
 
 
 @pytest.fixture(scope="module")

@@ -38,6 +38,8 @@ def branches_of(plan, planner, rows=MAX_ROWS):
     path = sorted((b for b in branches if b.chosen), key=lambda b: b.layer)
     assert len(path) == len(plan.path)
     assert all(b.label.startswith(short(s.action)) for b, s in zip(path, plan.path, strict=True))
+    # It begins with the chosen action, the best path is the top row.
+    assert all(b.row == 1 for b in path) and (not path or pairs[0][1] is path[0])
     # Bounded: beyond the limit only the best path with its siblings. No rows coincide.
     leaves = sum(not b.children for b in branches)
     assert leaves <= max(rows, 12) + 12 * plan.forecast.depth
