@@ -127,13 +127,9 @@ def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    write_report(
-        open_run(run),
-        path,
-        others=[Run(each) for each in others],
-        on_first=lambda: say(f"{path}: the first page can be read; pictures and the rest follow"),
-        **options,
-    )
+    first = f"{path}: the first page can be read; pictures and the rest follow"
+    further = [Run(each) for each in others]
+    write_report(open_run(run), path, others=further, on_first=lambda: say(first), **options)
     _print_size(path)
 
 
@@ -197,8 +193,8 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
     """Print what `serp.agent.agent.account_of` and `sight_of` return."""
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
-        sentence = account["evidence"]["sentence"]
-        rows.append(("evidence of the training, the newest episodes counting most", sentence))
+        told = "in training, the newest episodes counting most: "
+        rows.append(("evidence", told + account["evidence"]["sentence"]))
     if sight["safety_alone"] is not None:
         share = {name: percent(share or 0.0) for name, share in sight.items()}
         parts = []

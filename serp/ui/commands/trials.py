@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import functools
 import json
 import math
-import os
 import re
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,7 +133,6 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     show()
     for line in comparison.results.verdicts:
         show(line)
-    _show_picture(path / "figures" / "training.png")
     print_next(
         (str(path / "report.html"), "the whole comparison on one page"),
         (str(path / "measures.csv"), "all measures, a row a trial; overview.tex for LaTeX"),
@@ -144,19 +140,6 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
         (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
         (more, "more seeds; what is there is kept"),
     )
-
-
-def _show_picture(path: Path) -> None:
-    """Show a PNG in a terminal that takes one: iTerm2's inline images, kitty's graphics."""
-    if not sys.stdout.isatty() or not path.is_file():
-        return
-    text = base64.b64encode(path.read_bytes()).decode("ascii")
-    if os.environ.get("TERM_PROGRAM") in ("iTerm.app", "WezTerm"):
-        click.echo(f"\x1b]1337;File=inline=1;width=80:{text}\a")
-    elif "KITTY_WINDOW_ID" in os.environ:
-        for at in range(0, len(text), 4096):  # `m=0`: the last part
-            more, head = int(at + 4096 < len(text)), "" if at else "a=T,f=100,c=80,"
-            click.echo(f"\x1b_G{head}m={more};{text[at : at + 4096]}\x1b\\", nl=not more)
 
 
 @command(

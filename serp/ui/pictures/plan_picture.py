@@ -269,7 +269,5 @@ def _y(row: float) -> float:
 def _text(
     x: float, y: float, text: str, shade: str = "faint", *, bold: bool = False, large: bool = False
 ) -> str:
-    style = (
-        f'style="fill:{colour(shade)}"' + ' font-weight="600"' * bold + ' font-size="16"' * large
-    )
-    return f'<text x="{x:.1f}" y="{y:.1f}" {style}>{escape(text)}</text>'
+    font = ' font-weight="600"' * bold + ' font-size="16"' * large
+    return f'<text x="{x:.1f}" y="{y:.1f}" style="fill:{colour(shade)}"{font}>{escape(text)}</text>'

@@ -45,15 +45,9 @@ FIRST_STEPS: Final = 1_000
 
 
 def write_report(
-    run: Run,
-    path: Path,
-    *,
-    evaluation: str | None,
-    steps: int,
-    pictures: int,
-    others: Sequence[Run] = (),
-    on_first: Callable[[], None] = lambda: None,
-) -> None:
+    run: Run, path: Path, *, evaluation: str | None, steps: int, pictures: int,
+    others: Sequence[Run] = (), on_first: Callable[[], None] = lambda: None,
+) -> None:  # fmt: skip
     """Write the report of a run, one HTML document without references to other files.
 
     `evaluation` is the recorded evaluation whose steps are shown, None those of the training;
@@ -62,28 +56,24 @@ def write_report(
     without pictures is written first, and `on_first` called; the whole one replaces it. An existing
     file is replaced.
     """
-    _write(run, path, evaluation, min(steps, FIRST_STEPS), 0, others, first=True)
+    _write(run, path, others, evaluation, min(steps, FIRST_STEPS), 0, first=True)
     on_first()
-    _write(run, path, evaluation, steps, pictures, others)
+    _write(run, path, others, evaluation, steps, pictures)
 
 
 def _write(
-    run: Run,
-    path: Path,
-    evaluation: str | None,
-    steps: int,
-    pictures: int,
-    others: Sequence[Run],
-    *,
-    first: bool = False,
-) -> None:
+    run: Run, path: Path, others: Sequence[Run], evaluation: str | None, steps: int, pictures: int,
+    *, first: bool = False,
+) -> None:  # fmt: skip
     """Write one version of the page."""
-    for other in others:
-        if other.domain.name != run.domain.name:
-            raise RunError(f"{other.path} is a run of {other.domain.name}, not of "
-                           f"{run.domain.name}: their returns cannot be compared")  # fmt: skip
-        if not len(other.metrics["return"]):
-            raise RunError(f"{other.path}: no episode has ended yet, so it has no curve")
+    curves = dict[str, NDArray[Any]]()
+    for k, other in enumerate(others):
+        at, returns = other.metrics["env_steps"], other.metrics["return"]
+        if other.domain.name != run.domain.name or not len(returns):
+            what = f"{other.domain.name}, {plural(len(returns), 'episode')}"
+            raise RunError(f"{other.path} ({what}) has no curve beside {run.domain.name}'s returns")
+        rows = np.unique(np.linspace(0, len(at) - 1, 500).astype(np.int64))
+        curves |= {f"otherAt{k}": at[rows], f"otherMean{k}": moving_mean(returns)[rows]}
     recording = run.recording(evaluation)
     layout, sources = recording.layout, run.domain.sources
     numbers = 4 * len(layout.fluents) + 6 * len(layout.actions) + 12
@@ -107,12 +97,6 @@ def _write(
         ("large errors", "back-error", errors.large),
     ]
     bits = np.array([1, 2, 4, 8], np.uint8) @ np.stack([of for _, _, of in kinds])
-    curves = dict[str, NDArray[Any]]()
-    for k, each in enumerate(others):
-        metrics = each.metrics
-        rows = np.unique(np.linspace(0, len(metrics["return"]) - 1, 500).astype(np.int64))
-        curves[f"otherAt{k}"] = metrics["env_steps"][rows]
-        curves[f"otherMean{k}"] = moving_mean(metrics["return"])[rows]
     arrays, order = _packed(
         {
             **curve_arrays(run.metrics),

@@ -88,11 +88,8 @@ class DecisionPane:
         with self._root:
             self._table = ui.html()
             self._verdict = ui.label().classes("serp-faint").props('role="status"')
-            self._graph = (
-                ui.html()
-                .classes("serp-graph")
-                .props('tabindex="0" role="region" aria-label="Planning graph"')
-            )
+            self._graph = ui.html().classes("serp-graph")
+            self._graph.props('tabindex="0" role="region" aria-label="Planning graph"')
         follow_places(self._table, jump)
         live.shows(self.show)
 
