@@ -79,7 +79,8 @@ def test_a_domain_file_is_another_algorithm(copy):
         again(copy)
 
 
-def test_a_controller_of_the_user_is_a_baseline(copy):
+def test_a_controller_of_the_user_is_a_baseline(copy, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
     name = f"baseline={contest.__name__}:onward"
     results = again(copy, baseline=name.removeprefix("baseline=")).results
     assert results.algorithms[-1] == name
@@ -198,6 +199,7 @@ def test_mistakes_leave_nothing_behind(
     tmp_path, options, kind, message, external,
     monkeypatch,
 ):  # fmt: skip
+    monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.chdir(tmp_path)
     (tmp_path / "walk.pddl").write_text(CORRIDOR)
     (tmp_path / "a").mkdir()
