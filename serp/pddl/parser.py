@@ -228,7 +228,9 @@ def _axioms(groups: Sequence[Group], scope: Scope) -> tuple[x.Axiom, ...]:
             )
             condition = parse_condition(group.items[2], scope.bind(parameters))
             axioms.append(x.Axiom(declaration.name, parameters, condition, group.place))
-    refuse_unstratified(axioms)
+    for group in groups[:1]:
+        with group.place.source.recovering():
+            refuse_unstratified(axioms)
     return tuple(axioms)
 
 
