@@ -219,7 +219,7 @@ def test_every_node_has_a_best_action_where_sweeps_do_not_suffice(danger, discou
 
 def test_no_risk_exceeds_1_by_rounding():
     """A graph with such a risk could be saved, and not be restored."""
-    for seed in range(100):
+    for seed in range(16):
         random = Random(seed)
         weights = [random.random() for _ in range(3)]
         shares, danger = [w / sum(weights) for w in weights], random.random()
@@ -228,6 +228,8 @@ def test_no_risk_exceeds_1_by_rounding():
             Out(APPLICABLE, danger, 0.0, list(zip(shares, targets, strict=True)))
             for targets in ((1, 2, 2), (2, 1, 1))
         ]
-        graph = solved([[end], *([edge] for edge in lost), [end._replace(step_risk=1e-3)]], 1.0, 0.0)
+        graph = solved(
+            [[end], *([edge] for edge in lost), [end._replace(step_risk=1e-3)]], 1.0, 0.0
+        )
         assert (graph.risk <= 1.0).all()
         graph.graph.restore(graph.columns)
