@@ -99,9 +99,9 @@ using Drawn = In<std::int64_t, nb::ndim<1>>;
 /// Writes the gradient of each member's mean loss; returns the mean loss over members and batch.
 ///
 /// The target of a sample is reward + discount * next_q[best], with best the action of largest
-/// choice_q among the allowed ones, or all where none is (the lowest index in a tie). With an action g to be imitated, weight * (max over a of
-/// (q[a] + margin * [a != g]) - q[g]) is added to the loss of the sample. q and the like are
-/// [E * B, A].
+/// choice_q among the allowed ones, or all where none is (the lowest index in a tie). With an action g
+/// to be imitated, weight * (max over a of (q[a] + margin * [a != g]) - q[g]) is added to the loss of
+/// the sample. q and the like are [E * B, A].
 double td_gradient(const float* q, const float* next_q, const float* choice_q, size_t actions,
                    const ReplaySamples& samples, const Drawn& drawn, size_t batch, float margin,
                    float weight, float* q_gradient) {

@@ -105,8 +105,12 @@ Program::Program(std::vector<Instruction> code, std::vector<std::uint32_t> entri
             first_chance_[action + 1] - first_chance_[action] > OUTCOMES ||
             first_chance_[action + 1] > chances_.size())
             refuse("the outcomes of an action");
-        for (std::uint32_t k = first_chance_[action]; k < first_chance_[action + 1]; ++k)
+        double total = 0.0;
+        for (std::uint32_t k = first_chance_[action]; k < first_chance_[action + 1]; ++k) {
             if (!(chances_[k] > 0.0 && chances_[k] <= 1.0)) refuse("the chance of an outcome");
+            total += chances_[k];
+        }
+        if (std::abs(total - 1.0) > 1e-6) refuse("the chances of an action");
     }
 }
 
@@ -242,6 +246,7 @@ struct Machine {
         });
         if (all_active()) return true;
         go_on([](std::size_t) { return NOWHERE; });
+        if (always & APPLICABLE) together = NOWHERE;  // what these lanes wrote is still needed
         const std::int64_t first = first_place();
         if (first != NOWHERE) at = code + first;
         return first == NOWHERE;
@@ -410,12 +415,13 @@ void Program::prepare(const double* registers, Lanes& of) const {
     const std::size_t size = sizeof(double) * this->registers() * GROUP * actions();
     of.states = 0;
     if (size == 0 || size > FAR) return;
-    of.states = static_cast<int>(std::max<std::size_t>(1, NEAR / size)) * GROUP;
-    of.count = static_cast<std::size_t>(of.states) * actions();
+    const int states = static_cast<int>(std::max<std::size_t>(1, NEAR / size)) * GROUP;
+    of.count = static_cast<std::size_t>(states) * actions();
     of.resume.resize(of.count), of.flags.resize(of.count);
     of.frame.clear();
     for (int place = 0; place < this->registers(); ++place)
         of.frame.insert(of.frame.end(), of.count, registers[place]);
+    of.states = states;  // now there is room for them
 }
 
 Steps Program::steps(const double* states, int count, Lanes& of) const {

@@ -59,7 +59,7 @@ public:
             to[fluents + 1] = static_cast<double>(flags);
             to[fluents + 2] = program_->chance(action, k);
             if (!(flags & APPLICABLE)) {  // a step without a result must not count as safe
-                std::copy_n(to, row, rows);
+                if (k > 0) std::copy_n(to, row, rows);
                 rows[fluents + 2] = 1.0;
                 return 1;
             }

@@ -133,7 +133,7 @@ private:
     std::vector<Number> states_;        ///< [N * F], inert fluents are 0
     std::vector<std::int32_t> parent_;  ///< [N] node that each was reached from; -1 of the root
     std::vector<std::int32_t> action_;  ///< [N] by which action
-    std::vector<std::int32_t> known_;   ///< [N] 2 x root + whether the root leads to the node
+    std::vector<std::int32_t> known_;   ///< [N] 2 x number of the root + whether it leads to the node
     std::vector<double> cost_;          ///< [N] relaxed cost
     std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
@@ -141,6 +141,8 @@ private:
     Queue helped_{greedy_};             ///< of those that a helpful action leads to, by cost
     std::optional<Seen> seen_;
     int root_ = -1, best_ = -1, goal_ = -1, last_ = -1;
+    /// How many roots there were: a node that is the root again is another one.
+    std::int32_t roots_ = 0;
     double least_ = std::numeric_limits<double>::infinity();
     std::int64_t turn_ = 0, work_ = 0;
     bool full_ = false;
@@ -161,8 +163,10 @@ int Tree<Number>::find(const double* row) const {
 /// hold the state, or has no room left, begins anew.
 template <class Number>
 void Tree<Number>::enter(const double* row) {
-    const int node = root_ < 0 || full_ ? -1 : find(row);
+    const bool room = !full_ && roots_ < std::numeric_limits<std::int32_t>::max() / 2;
+    const int node = root_ < 0 || !room ? -1 : find(row);
     if (node >= 0 && reached(node)) {
+        if (node != root_) ++roots_;
         parent_[node] = -1;
         root_ = node;
         return;
@@ -172,7 +176,7 @@ void Tree<Number>::enter(const double* row) {
     left_.clear(), done_.clear();
     by_novelty_ = Queue(greedy_), by_cost_ = Queue(greedy_), helped_ = Queue(greedy_);
     if (!greedy_) seen_.emplace();
-    root_ = 0, best_ = -1, goal_ = -1, turn_ = 0, full_ = false;
+    root_ = 0, roots_ = 1, best_ = -1, goal_ = -1, turn_ = 0, full_ = false;
     least_ = std::numeric_limits<double>::infinity();
     std::vector<double> source(row, row + width_);
     add(source.data(), -1, -1);
@@ -182,8 +186,8 @@ void Tree<Number>::enter(const double* row) {
 template <class Number>
 bool Tree<Number>::reached(int node) {
     int at = node;
-    while (at >= 0 && at != root_ && known_[at] / 2 != root_ + 1) at = parent_[at];
-    const int known = 2 * (root_ + 1) + (at == root_ || (at >= 0 && known_[at] % 2));
+    while (at >= 0 && at != root_ && known_[at] / 2 != roots_) at = parent_[at];
+    const int known = 2 * roots_ + (at == root_ || (at >= 0 && known_[at] % 2));
     for (int on = node; on != at; on = parent_[on]) known_[on] = known;
     return known % 2;
 }
@@ -375,7 +379,7 @@ void bind_goal_search(nb::module_& module) {
                           "A search for a way to the goal that can be gone on with.")
         .def(nb::new_(&way_search), nb::arg("model"), nb::arg("relaxation"), nb::arg("inert"),
              nb::arg("binary"), nb::arg("accepted_risk"), nb::arg("greedy"),
-             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(),
+             nb::keep_alive<0, 2>(), nb::keep_alive<0, 3>(),  // of __new__, whose first one is the class
              "Fluents `inert` become 0 in all states; `binary` says that all others are 0 or 1. A "
              "`greedy` search goes by relaxed cost, another one by novelty.")
         .def("search", [](WaySearch& self, const State& state, std::int64_t limit)

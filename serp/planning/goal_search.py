@@ -275,9 +275,10 @@ class GoalSearch:
         self.steps = 0
         if self._relaxed is None:
             return None
+        trees = self._grown()  # after a restart it is known then whether a way was found
         if self._found:
             self.forget()
-        trees = self._grown()
+            trees = self._grown()
         self._calls.append((state.copy(), limit))
         self.steps, way = self._search(trees, state, limit)
         return way

@@ -54,10 +54,12 @@ LookaheadForecast Lookahead::forecast(const double* state, const CellValues* lea
 ///
 /// It is an approximation of the viability kernel (Aubin, "Viability theory", 1991) by the states from
 /// which simple ways go on (model predictive shielding: Bastani, ACC 2021). One way on is as good as
-/// the model is exact; a second one is there when the first fails.
+/// the model is exact; a second one is there when the first fails. Where the ways have too many edges,
+/// nothing is taken.
 bool Lookahead::look_farther(const double* state, LookaheadForecast& found, int depth) {
     FirstActions& first = found.first;
     const int horizon = FARTHER * rules_.depth;
+    const std::int64_t limit = found.followed + rules_.max_edges;
     ways_.resize((horizon + std::size_t{3}) * (width_ + 1));
     std::vector<int> safe, ways;
     for (int action = 0; action < actions_; ++action) {
@@ -65,7 +67,8 @@ bool Lookahead::look_farther(const double* state, LookaheadForecast& found, int 
         stepper_->from(state);
         const Flags flags = stepper_->step(action, ways_.data());
         safe.push_back(action);
-        ways.push_back(flags & TERMINAL ? WAYS : ways_on(horizon, found.followed));
+        ways.push_back(flags & TERMINAL ? WAYS : ways_on(horizon, found.followed, limit));
+        if (found.followed > limit) return true;
     }
     const int most = safe.empty() ? 0 : *std::max_element(ways.begin(), ways.end());
     bool all = true, chosen = false;
@@ -86,7 +89,8 @@ bool Lookahead::look_farther(const double* state, LookaheadForecast& found, int 
 
 /// Returns with how many actions a way on begins in the state of the first row of `ways_`, at most WAYS:
 /// it holds an action, and from some control period on another one, without risk up to the horizon.
-int Lookahead::ways_on(int horizon, std::int64_t& followed) {
+/// Ends early beyond a limit of edges.
+int Lookahead::ways_on(int horizon, std::int64_t& followed, std::int64_t limit) {
     const std::size_t width = width_ + std::size_t{1};
     const auto row = [&](int at) { return ways_.data() + at * width; };
     double *now = row(horizon + 1), *next = row(horizon + 2);
@@ -106,6 +110,7 @@ int Lookahead::ways_on(int horizon, std::int64_t& followed) {
         bool safe = ends || held == horizon;
         for (int at = held; at > 0 && !safe; --at)
             for (int other = 0; other < actions_ && !safe; ++other) {
+                if (followed > limit) return count;
                 if (other == action) continue;
                 std::copy_n(row(at), width, now);
                 int on = at;

@@ -83,7 +83,7 @@ private:
     int child_of(int position);
     void choose(int node, int expanded, FirstActions& first);
     bool look_farther(const double* state, LookaheadForecast& found, int depth);
-    int ways_on(int horizon, std::int64_t& followed);
+    int ways_on(int horizon, std::int64_t& followed, std::int64_t limit);
     bool safe_path_from(const double* state, int depth, std::int64_t& followed);
 
     double* state_at(int position) {

@@ -48,7 +48,8 @@ double lasting_risk(const Graph& graph, const std::vector<double>& risk, int edg
     const Following after = following(graph, risk, edge, node);
     const double rest = (1.0 - danger) * (until_end ? 1.0 : discount);
     if (until_end && 1.0 - rest * after.own < TINY) return 1.0;  // it never ends
-    return (danger + rest * after.expected) / std::max(1.0 - rest * after.own, TINY);
+    const double lasting = (danger + rest * after.expected) / std::max(1.0 - rest * after.own, TINY);
+    return std::min(lasting, 1.0);  // rounding may make it larger
 }
 
 /// Returns the value of an edge that is taken again while it leads back to its node.
@@ -172,24 +173,29 @@ private:
             if (allowed_[edge]) function(edge);
     }
 
-    /// Finds the least risks, and leaves only the edges that have them.
+    /// Returns the least risk of the allowed edges of a node.
+    double least_risk(int node) const {
+        double least = 2.0;
+        for_each_allowed(node, [&](int edge) {
+            least = std::min(least, lasting_risk(graph_, graph_.risk, edge, node,
+                                                 preferences_.discount));
+        });
+        return least;
+    }
+
+    /// Finds the least risks, and leaves only the edges that have them, at least one of each node.
     void find_risks() {
         const double discount = preferences_.discount;
         // Until the end, the risk that is the fixed point from above: what never ends has failed.
         if (graph_.risk_kind[0] == UNTIL_END)
             std::fill_n(graph_.risk.begin(), graph_.expanded(), 1.0);
-        iterate(graph_.risk, [&](int node) {
-            double least = 2.0;
-            for_each_allowed(node, [&](int edge) {
-                const double risk = lasting_risk(graph_, graph_.risk, edge, node, discount);
-                least = std::min(least, risk);
-            });
-            return least;
-        });
+        iterate(graph_.risk, [this](int node) { return least_risk(node); });
         for_each_node(graph_, false, [&](int node) {
+            double least = graph_.risk[node];
+            if (!is_leaf(node)) least = std::max(least, least_risk(node));  // sweeps may not suffice
             for_each_allowed(node, [&](int edge) {
                 const double risk = lasting_risk(graph_, graph_.risk, edge, node, discount);
-                allowed_[edge] = risk <= graph_.risk[node] + ALIKE;
+                allowed_[edge] = risk <= least + ALIKE;
             });
             if (graph_.risk[node] <= ALIKE) graph_.risk[node] = 0.0;
         });
@@ -208,8 +214,12 @@ private:
         }
         for_each_node(graph_, false, [&](int node) {  // all is lost there, but it may be put off
             if (graph_.risk[node] < 1.0 - ALIKE) return;
+            std::int64_t longest = -1;
             for_each_allowed(node, [&](int edge) {
-                allowed_[edge] = steps_through(graph_, edge) == graph_.steps[node];
+                longest = std::max(longest, steps_through(graph_, edge));
+            });
+            for_each_allowed(node, [&](int edge) {
+                allowed_[edge] = steps_through(graph_, edge) == longest;
             });
         });
     }

@@ -461,6 +461,7 @@ private:
             if (static_cast<Flags>(of[width_ + 1]) & TERMINAL) expected.end += of[width_ + 2];
         }
         const Worth worth = weigh(action, expected);
+        const double rest = std::max(0.0, 1.0 - expected.end);  // rounding may make it negative
         for (double* of = rows; of != rows + count * row; of += row) {
             const auto flags = static_cast<Flags>(of[width_ + 1]);
             if (flags & UNSAFE) continue;
@@ -469,7 +470,7 @@ private:
             if (!worth.ends) continue;
             const double chance = flags & TERMINAL
                                       ? std::min(1.0, worth.end / expected.end)
-                                      : std::max(0.0, 1.0 - (1.0 - worth.end) / (1.0 - expected.end));
+                                      : std::max(0.0, 1.0 - (1.0 - worth.end) / rest);
             of[width_ + 1] = static_cast<double>(ending(flags, chance));
         }
     }

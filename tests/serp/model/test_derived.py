@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from serp.model.domain import Domain
 from serp.model.flags import APPLICABLE
 from serp.pddl.source import DomainError, Source
+from tests.generated.profile import examples
 
 BLOCKS = "abcd"
 TOWER = """(define (domain tower) (:requirements :typing :derived-predicates)
@@ -34,6 +35,7 @@ MODEL = tower().model
 PAIRS = list(itertools.product(BLOCKS, repeat=2))
 
 
+@examples(100)
 @given(st.sets(st.sampled_from(PAIRS)))
 def test_a_recursive_predicate_is_the_transitive_closure(on):
     closure = set(on)

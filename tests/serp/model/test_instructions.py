@@ -154,6 +154,14 @@ def _uses(row):
     return True, code not in (17, 18, 25, 26), True
 
 
+def test_chances_that_do_not_add_up_to_1_are_refused(table):
+    rounded = table.chances * (1.0 - 1e-12)
+    _core.Program(*table._replace(chances=rounded))
+    for factor in (0.5, 1.0 - 1e-3):
+        with pytest.raises(ValueError, match="the chances of an action"):
+            _core.Program(*table._replace(chances=table.chances * factor))
+
+
 def test_a_repetition_that_never_ends_is_ended():
     again = 11  # of no fluents and parameters: 7 fixed numbers, the reward, intermediate results
     code = [[3, again, 4, 0], [REPEAT, again, 0, 1], [0, APPLICABLE, 0, 0]]

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import sys
 from pathlib import Path
 from random import Random
 
@@ -96,6 +97,67 @@ def test_a_search_goes_on_where_the_world_follows_it():
         if outcome.terminal:
             break
     assert outcome.terminal and outcome.reward > 0.0
+
+
+def test_a_search_after_a_way_was_found_is_the_same_after_a_restart():
+    model = boat(120.0)
+    search, resumed = GoalSearch(model, SETTINGS), GoalSearch(model, SETTINGS)
+    way = search.way(model.initial_state, 5_000)
+    resumed.load_state_dict(search.state_dict())
+    ways = [s.way(way[5], 5_000) for s in (search, resumed)]
+    assert ways[0].tobytes() == ways[1].tobytes() and search.steps == resumed.steps
+
+
+def roads(random, places):
+    """A walk between places; some roads lead in one direction only."""
+    ends = [(random.randrange(k), k) for k in range(1, places)]
+    ends += [(b, a) for a, b in ends]
+    ends += [(random.randrange(places), random.randrange(places)) for _ in range(4)]
+    facts = " ".join(f"(road p{a} p{b})" for a, b in sorted(set(ends)) if a != b)
+    names = " ".join(f"p{k}" for k in range(places))
+    domain = (
+        "(define (domain d) (:types place) (:predicates (at ?p - place) (road ?p ?q - place))"
+        " (:action go :parameters (?p ?q - place) :precondition (and (at ?p) (road ?p ?q))"
+        " :effect (and (not (at ?p)) (at ?q))))"
+    )
+    problem = (
+        f"(define (problem p) (:domain d) (:objects {names} - place)"
+        f" (:init (at p0) {facts}) (:goal (and (at p{places - 1}))))"
+    )
+    return load_texts(Texts(domain, problem)).model
+
+
+@pytest.mark.parametrize("greedy", [False, True])
+def test_a_way_begins_where_the_world_is_though_it_was_there_before(greedy):
+    """What the tree knew of its first root does not count when that is the root again."""
+    for seed in range(120):
+        random = Random(seed)
+        model = roads(random, random.randint(6, 14))
+        relaxation = relaxed(model.ground, model.theta.tolist())
+        search = WaySearch(model.core, relaxation, np.zeros(0, np.int64), True, 0.0, greedy)
+        state = model.initial_state
+        for _ in range(40):
+            _, way = search.search(state, random.randint(1, 6))
+            if way is not None:
+                assert (way[0] == state).all()
+                check_way(model, way)
+                break
+            search.toward(state)
+            following, ended = successors(model, state)
+            if ended:
+                break
+            state = np.array(random.choice(following))
+
+
+def test_a_search_keeps_model_and_relaxation_as_long_as_it_lives():
+    model = boat(120.0)
+    core, relaxation = model.core, relaxed(model.ground, model.theta.tolist())
+    before = [sys.getrefcount(kept) for kept in (core, relaxation)]
+    inert = np.zeros(0, np.int64)
+    search = WaySearch(core, relaxation, inert, False, 0.0, True)
+    assert [sys.getrefcount(kept) for kept in (core, relaxation)] == [n + 1 for n in before]
+    del search
+    assert [sys.getrefcount(kept) for kept in (core, relaxation)] == before
 
 
 def test_what_is_added_may_depend_on_the_state():

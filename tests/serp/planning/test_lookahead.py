@@ -244,6 +244,20 @@ def test_who_looks_farther_takes_what_leaves_enough_ways_on():
     assert len(met) == 3 and min(met.values()) >= 5, met
 
 
+def test_ways_on_are_followed_within_the_budget_of_edges():
+    """All is lost in the end, so that all ways are tried."""
+    actions = "".join(f"(:action a{k} :effect (and (increase (t) 1)))" for k in range(6))
+    model = load(
+        f"(define (domain d) (:predicates (unsafe)) (:functions (t)) {actions}"
+        " (:event end :precondition (>= (t) 11) :effect (and (unsafe))))"
+    )
+    for edges, least in ((10**6, 1_000), (100, 100)):
+        core = _core.Lookahead(model.core, 3, 0.9, 0.0, 1_000, edges)
+        core.farther = True
+        _, followed = core.check_safety(np.zeros(1))
+        assert least < followed < max(200, edges)
+
+
 # Leaves that are worth something -----------------------------------------------------------------
 
 

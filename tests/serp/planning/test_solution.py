@@ -207,3 +207,29 @@ def test_waiting_is_worth_what_it_can_lead_to_and_is_not_chosen(discount):
         assert forecast.value[forecast.choice] == pytest.approx(worth, abs=CLOSE)
         assert forecast.value[0] == pytest.approx(discount * worth, abs=CLOSE)
         state = model.step(state, forecast.choice).state
+
+
+@pytest.mark.parametrize(("danger", "discount"), [(1e-5, 0.9999), (2.0**-22, 1.0), (1e-4, 1.0)])
+def test_every_node_has_a_best_action_where_sweeps_do_not_suffice(danger, discount):
+    of = [[Out(APPLICABLE, danger, 1.0, [(1.0, 1 - node)])] for node in range(2)]
+    graph = solved(of, discount, 0.05)
+    assert np.isfinite(graph.value).all() and (graph.steps == 0).all()
+    assert np.isfinite(graph.look_up(0).value[0])
+
+
+def test_no_risk_exceeds_1_by_rounding():
+    """A graph with such a risk could be saved, and not be restored."""
+    for seed in range(16):
+        random = Random(seed)
+        weights = [random.random() for _ in range(3)]
+        shares, danger = [w / sum(weights) for w in weights], random.random()
+        end = Out(APPLICABLE, 0.0, 5.0, [(1.0, ENDED)])
+        lost = [
+            Out(APPLICABLE, danger, 0.0, list(zip(shares, targets, strict=True)))
+            for targets in ((1, 2, 2), (2, 1, 1))
+        ]
+        graph = solved(
+            [[end], *([edge] for edge in lost), [end._replace(step_risk=1e-3)]], 1.0, 0.0
+        )
+        assert (graph.risk <= 1.0).all()
+        graph.graph.restore(graph.columns)
