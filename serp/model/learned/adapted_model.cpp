@@ -336,6 +336,16 @@ private:
         };
         std::stable_sort(all.begin(), all.end(), likelier);
         const int count = std::min(static_cast<int>(all.size()), OUTCOMES);
+        const auto unsafe = [this](const auto& of) {
+            return static_cast<Flags>(of[width_ + 1]) & UNSAFE;
+        };
+        // What is left out must not be what is unsafe: such an outcome replaces the last safe one.
+        for (auto rest = all.begin() + count; rest != all.end(); ++rest) {
+            if (!unsafe(*rest)) continue;
+            int last = count - 1;
+            while (last > 0 && unsafe(all[last])) --last;
+            if (last > 0) std::swap(all[last], *rest);
+        }
         double total = 0.0;
         for (int k = 0; k < count; ++k) total += all[k].back();
         for (int k = 0; k < count; ++k) {
