@@ -104,8 +104,8 @@ public:
     }
     /// What `step`, `flow` and `judge` take in place of an action for one of its outcomes.
     int variant(int action, int outcome) const {
-        const int others = static_cast<int>(first_chance_[std::max(action, 0)]) - action;
-        return outcome == 0 ? action : actions() + others + outcome - 1;
+        if (outcome == 0) return action;
+        return actions() + static_cast<int>(first_chance_[action]) - action + outcome - 1;
     }
     int parameters() const { return parameters_; }
     int registers() const { return intermediate_at_ + intermediate_; }

@@ -246,7 +246,7 @@ public:
     }
 
     Flags step(int action, double* out) override {
-        if (file_.program().outcomes(action) > 1) {
+        if (chance_ && file_.program().outcomes(action) > 1) {
             rows_.resize(OUTCOMES * (width_ + 3));
             const int count = chance_outcomes(action, rows_.data());
             const auto first = static_cast<Flags>(rows_[width_ + 1]);
@@ -300,7 +300,7 @@ public:
     }
 
     int outcomes(int action, double* rows) override {
-        if (file_.program().outcomes(action) > 1) return chance_outcomes(action, rows);
+        if (chance_ && file_.program().outcomes(action) > 1) return chance_outcomes(action, rows);
         const int count = chosen_outcomes(action, rows);
         if (count == 0) return only_outcome(action, rows, width_);
         if (model_.worth()) weigh_outcomes(action, rows, count);
@@ -606,6 +606,7 @@ private:
     /// [F + 1] after effects, processes and residual; the same with the likeliest outcomes; scratch.
     std::vector<double> flowed_, usual_, other_;
     std::vector<double> rows_;  ///< outcomes of an action with chance
+    const bool chance_ = file_.program().branches();
     std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
     std::vector<int> columns_;                          ///< [F] of all fluents
     std::unique_ptr<Residual> worth_;

@@ -14,7 +14,7 @@ from serp.model.instructions import contested
 from serp.model.learned.feature_groups import FeatureGroup, Key, feature_groups_of, learnable
 from serp.model.traced_step import Passage
 from serp.model.transition_model import TransitionModel, Vector
-from serp.pddl.syntax import nodes_in
+from serp.pddl.syntax import Change, nodes_in
 
 
 class AdaptedModel(TransitionModel):
@@ -125,16 +125,26 @@ class AdaptedModel(TransitionModel):
 
 
 def _flagging(ground: g.GroundModel) -> bool:
-    """Whether events, goal or metric can make a step unsafe, or leave it without a result."""
+    """Whether events, goal or metric can make a step unsafe, or leave it without a result.
+
+    An overflow does not count: it takes numbers that no robot has.
+    """
     effects = [effect for event in ground.events for effect in event.effects]
     calculated = nodes_in(ground.events, ground.goal, ground.metric)
     numbers = [effect for effect in effects if isinstance(effect, g.SetNumber)]
     return (
         any(effect.target == g.UNSAFE_TARGET for effect in effects)
-        or any(isinstance(node, g.Operation | g.Unary) for node in calculated)
-        or any(effect.change.group == "scale" for effect in numbers)
+        or any(map(_may_fail, calculated))
+        or any(effect.change is Change.SCALE_DOWN for effect in numbers)
         or bool(contested(numbers))
     )
+
+
+def _may_fail(node: object) -> bool:
+    """Whether an operation is a root, or a division by what varies."""
+    if isinstance(node, g.Operation):
+        return node.operator == "/" and bool([*g.fluents_of(node.right)])
+    return isinstance(node, g.Unary) and node.operator == "sqrt"
 
 
 def _parameters_of(
