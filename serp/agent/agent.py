@@ -259,11 +259,10 @@ class Agent:
 
     def remember(self, step: StepRecord, following: Decision | None = None) -> None:
         """Store an env step to be learned from, given the decision after it in its episode."""
-        decision = step.decision
+        lesson = self.strategy.lesson(step, following)
         self.learner.remember(
-            step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
-            self.strategy.imitated(decision.forecast),
-            None if following is None else following.admissible,
+            step.x, step.decision.action, lesson.reward, step.next_x, step.terminated,
+            step.truncated, lesson.imitated, lesson.allowed,
         )  # fmt: skip
 
     def learn(self) -> float | None:

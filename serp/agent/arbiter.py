@@ -112,7 +112,8 @@ class Arbiter(Declared):
         A new forecast is made only where nothing was planned and the proposal is refused.
         """
         known, admissible = decision.forecast, decision.admissible
-        return self._follow(Situation(known, admissible, self._later(known, state)), proposal)
+        later = self._later(known, state)
+        return self._follow(Situation(state, known, admissible, later), proposal)
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
@@ -132,7 +133,7 @@ class Arbiter(Declared):
         if not plan and hasattr(self.planner, "check_safety"):
             checked = self.planner.check_safety(state)
         known = self.forecast(state) if checked is None else self.actions.project(checked)
-        return Situation(known, self.vetoes.admissible(known), self._later(known, state))
+        return Situation(state, known, self.vetoes.admissible(known), self._later(known, state))
 
     def _later(self, known: ActionForecast, state: Vector) -> Callable[[], ActionForecast] | None:
         """Return what plans in a state of which only the safety of actions is known; else None."""

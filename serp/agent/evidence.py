@@ -17,11 +17,12 @@ from serp._util.saved_state import (
     truths,
     within,
 )
+from serp.agent.decision import Decision
 from serp.agent.protocols import Proposer
-from serp.agent.strategy import PolicyEvidence, Seed, Situation, Strategy, Worth
+from serp.agent.step_record import StepRecord
+from serp.agent.strategy import Lesson, PolicyEvidence, Seed, Situation, Strategy, Worth
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
-from serp.tasks.action_map import ActionForecast
 
 _LARGEST: Final = 1e150
 """Larger returns have no finite square; such an episode is no evidence."""
@@ -103,9 +104,12 @@ class Evidence(Strategy):
         """Weight of the imitation loss: the probability that the planner is the better one."""
         return 1.0 - self._rho
 
-    def imitated(self, forecast: ActionForecast) -> int:
-        """Return the planner's choice, to be imitated where it leads and has a reason."""
-        return -1 if self._leads[self.env_index] or forecast.indifferent else forecast.choice
+    def lesson(self, step: StepRecord, following: Decision | None) -> Lesson:
+        """Add the planner's choice, to be imitated where it leads and has a reason."""
+        lesson, forecast = super().lesson(step, following), step.decision.forecast
+        if self._leads[self.env_index] or forecast.indifferent:
+            return lesson
+        return lesson._replace(imitated=forecast.choice)
 
     @property
     def evidence(self) -> PolicyEvidence:

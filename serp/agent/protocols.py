@@ -13,12 +13,14 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.errors import SettingsError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import Forecast
 from serp.settings import LearnerSettings, PlannerSettings
 
 Mask = NDArray[np.bool_]
+Values = NDArray[np.float32]
 
 
 @runtime_checkable
@@ -75,12 +77,17 @@ class Proposer(Protocol):
     def propose_greedily(self) -> Proposal:
         """Propose the action with the largest value."""
 
+    def values(self) -> Values:
+        """Return the values of the actions `[M, E]`: a row for each network of an ensemble."""
+
 
 class Learner(Stateful, Protocol):
     """A learner of the values of E environment actions; `serp.learning.dqn.DQN` is one.
 
     A function that makes one is found by name through the entry-point group `serp.learners`; it
-    takes the arguments of `serp.learning.dqn.DQN`.
+    takes the arguments of `serp.learning.dqn.DQN`. It may have a method `values(x)`, which returns
+    the values of the actions `[M, E]` for an input `[F]`, a row for each network of an ensemble;
+    strategies that compare values need it.
 
     Attributes:
         input_size: Length of an input, F.
@@ -151,3 +158,13 @@ class LearnerProposer:
     def propose_greedily(self) -> Proposal:
         """Propose the action with the largest value."""
         return self._learner.propose_greedily(self._x)
+
+    def values(self) -> Values:
+        """Return the values of the actions `[M, E]`, or raise a SettingsError if it has none."""
+        if not hasattr(self._learner, "values"):
+            raise SettingsError(
+                f"guide.strategy: it compares the learner's values, but {self._learner!r} has no "
+                "method `values(x)`; add one, or choose another strategy"
+            )
+        values: Values = self._learner.values(self._x)
+        return values

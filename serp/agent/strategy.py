@@ -9,8 +9,11 @@ import numpy as np
 
 from serp._util.saved_state import Declared, Reader, probability, random
 from serp._util.text import measured, percent, plural
+from serp.agent.decision import Decision
 from serp.agent.protocols import Mask, Proposer
+from serp.agent.step_record import StepRecord
 from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
 from serp.settings import Settings
 from serp.tasks.action_map import ActionForecast
 
@@ -62,25 +65,42 @@ class PolicyEvidence(NamedTuple):
 Seed = int | np.random.SeedSequence
 
 
+class Lesson(NamedTuple):
+    """What the learner is to learn from an env step.
+
+    Attributes:
+        reward: The reward.
+        imitated: The planner's action, to be imitated before the step; -1: none.
+        allowed: `[E]` actions whose values count after the step; None: all.
+    """
+
+    reward: float
+    imitated: int = -1
+    allowed: Mask | None = None
+
+
 class Situation:
     """What is known of the current state; the planner plans when its forecast is asked for.
 
     Args:
+        state: The monitored state `[F]`.
         known: The planner's forecast, or one that says only which actions are safe.
         admissible: `[E]` what no veto refuses.
         plan: Returns the planner's forecast; None where `known` is that.
 
     Attributes:
         known: The planner's forecast once it has planned.
-        admissible: As given.
+        state, admissible: As given.
     """
 
     def __init__(
         self,
+        state: Vector,
         known: ActionForecast,
         admissible: Mask,
         plan: Callable[[], ActionForecast] | None = None,
     ) -> None:
+        self.state = state
         self.known, self.admissible, self._plan = known, admissible, plan
 
     @property
@@ -107,8 +127,8 @@ class Strategy(Declared):
         seed: Seed of random draws.
 
     Attributes:
-        imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
-            `imitation_weight`.
+        imitates: Whether the learner imitates the planner: the action `imitated` of its lessons,
+            with the weight `imitation_weight`.
         env_index: Environment, from 0, that the next calls are about. Several environments play one
             episode each at the same time; what belongs to an episode is kept for each of them.
     """
@@ -155,9 +175,12 @@ class Strategy(Declared):
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
 
-    def imitated(self, forecast: ActionForecast) -> int:
-        """Return the planner's action that the learner is to imitate in a state; -1: none."""
-        return -1
+    def lesson(self, step: StepRecord, following: Decision | None) -> Lesson:
+        """Return what the learner is to learn from a step of training.
+
+        `following` is the decision after it in its episode; None where the episode ended.
+        """
+        return Lesson(step.reward, -1, None if following is None else following.admissible)
 
     def end_episode(self, return_: float, length: int) -> None:
         """Handle the end of an episode of training."""

@@ -108,6 +108,10 @@ class DQN:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
         return Proposal(best_of(self.learning.online.q(x)), False)
 
+    def values(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+        """Return the Q-values of each network of the ensemble ``[M, A]`` for one input ``[F]``."""
+        return self.learning.online.values(np.ascontiguousarray(x, np.float32))
+
     def remember(
         self,
         observation: npt.NDArray[np.floating],

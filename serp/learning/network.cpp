@@ -262,6 +262,14 @@ void QNetwork::mean(const float* inputs, size_t batch, float* q) {
     for (size_t i = 0; i < size; ++i) q[i] /= static_cast<float>(members_);
 }
 
+void QNetwork::each(const float* inputs, float* q) {
+    if (kept_.empty() || kept_[0].batch != 1) kept_.assign(1, Pass(*this, 1));
+    for (size_t e = 0; e < members_; ++e) {
+        forward(e, inputs, kept_[0]);
+        std::copy_n(kept_[0].q(), actions(), q + e * actions());
+    }
+}
+
 namespace {
 
 Array<float> q_of(QNetwork& network, const In<float>& inputs) {
@@ -275,6 +283,15 @@ Array<float> q_of(QNetwork& network, const In<float>& inputs) {
     network.mean(inputs.data(), batch, q.data());
     if (axes == 1) return array_of(std::move(q), {network.actions()});
     return array_of(std::move(q), {batch, network.actions()});
+}
+
+Array<float> values_of(QNetwork& network, const In<float>& input) {
+    if (input.ndim() != 1 || input.shape(0) != network.inputs())
+        throw std::invalid_argument("an input must have shape (" +
+                                    std::to_string(network.inputs()) + ",)");
+    std::vector<float> q(network.members() * network.actions());
+    network.each(input.data(), q.data());
+    return array_of(std::move(q), {network.members(), network.actions()});
 }
 
 }  // namespace
@@ -306,7 +323,9 @@ void bind_network(nb::module_& module) {
             "A view [E, P]: member by member, layer by layer the weights [inputs, outputs], the "
             "bias and, under LayerNorm, gain and shift.")
         .def("q", &q_of, nb::arg("inputs"),
-             "Return the mean of the members' Q-values: [A] of an input [F], [B, A] of [B, F].");
+             "Return the mean of the members' Q-values: [A] of an input [F], [B, A] of [B, F].")
+        .def("values", &values_of, nb::arg("input"),
+             "Return the Q-values of each member [E, A] for an input [F].");
 }
 
 }  // namespace serp

@@ -71,6 +71,8 @@ public:
     void backward(size_t member, const float* inputs, Pass& pass, float* gradient) const;
     /// Writes the mean [B, A] of the members' Q-values of inputs [B, F].
     void mean(const float* inputs, size_t batch, float* q);
+    /// Writes the Q-values [E, A] of each member for one input [F].
+    void each(const float* inputs, float* q);
 
     const std::vector<size_t>& sizes() const { return sizes_; }
     const std::vector<Layer>& layers() const { return layers_; }
@@ -91,7 +93,7 @@ private:
     size_t members_;
     std::vector<Layer> layers_;
     Floats parameters_;
-    std::vector<Pass> kept_;  ///< of the last call of `mean`, for the next one
+    std::vector<Pass> kept_;  ///< of the last call of `mean` or `each`, for the next
 };
 
 }  // namespace serp

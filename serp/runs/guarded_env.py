@@ -19,7 +19,7 @@ from serp._util.processes import blas_on_one_thread
 from serp._util.terminal import visible
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Actor, Decision
-from serp.agent.protocols import Mask, Proposer
+from serp.agent.protocols import Mask, Proposer, Values
 from serp.agent.registry import refuse_unknown_names
 from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.errors import Notice, SettingsError
@@ -110,14 +110,20 @@ class _Unknown:
 
     propose_greedily = propose
 
+    def values(self) -> Values:
+        raise SettingsError(
+            "guide.strategy: this strategy compares the learner's values, which the environment of "
+            "a learner of another library does not know; choose `learner`, `mixture` or `evidence`"
+        )
+
 
 class ArbitratedEnv(TaskEnv):
     """A task whose actions are proposals: planner, strategy and vetoes decide what is executed.
 
     The strategy is asked before the action is known, and an action counts only if it is the
-    learner's turn. So a strategy that looks at the learner's values cannot be used. `seed` is that
-    of the first sequence of episodes; `reset(seed=s)` begins that of s. `derive` returns the seed
-    of the task's environment for one of these and the number of the episode, from 0.
+    learner's turn. A strategy that compares the learner's values cannot be used. `seed` is that of
+    the first sequence of episodes; `reset(seed=s)` begins that of s. `derive` returns the seed of
+    the task's environment for one of these and the number of the episode, from 0.
     """
 
     def __init__(

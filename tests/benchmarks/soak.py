@@ -34,6 +34,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from serp._util.plugins import offered
+from serp.agent.registry import STRATEGIES
 from serp.errors import SerpError
 from serp.model.domain import Domain
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
@@ -124,7 +126,7 @@ def changes_of(random: Random, *, planners: tuple[str, ...] = ()) -> dict[str, d
             "veto_horizon": chance(("step", "lookahead")), "r_min": chance((None, -1.0)),
             "rho_increment": chance((0.01, 0.2)),
         },
-        "guide": {"strategy": chance(("mixture", "evidence", "learner"))},
+        "guide": {"strategy": chance(sorted(offered(STRATEGIES)))},
         "learner": learner,
         "training": {
             "random_steps": chance((0, 60)), "episode_steps": 40,

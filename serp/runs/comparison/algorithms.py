@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.plugins import find, first_line, loading, offered
+from serp.agent.registry import STRATEGIES, find_strategy
 from serp.errors import SettingsError
 from serp.planning.plan_follower import Advise
 from serp.settings import Changes, Settings, assigned, resolve
@@ -116,7 +117,7 @@ def given(name: str) -> str:
     if name.startswith(BASELINE):
         return "your controller, domain file"
     base = name.partition(":")[0].partition("@")[0]
-    kind = OWN[base].kind if base in OWN else "external"
+    kind = OWN[base].kind if base in OWN else "guided" if base in offered(STRATEGIES) else ""
     return {"guided": "domain file, the planner's steps", "planner": "domain file"}.get(kind, "–")
 
 
@@ -141,8 +142,12 @@ def find_algorithm(name: str) -> Algorithm:
     base, at, domain = known.partition("@")
     if base in OWN:
         algorithm = OWN[base]
+    elif base in offered(STRATEGIES):
+        by: Changes = {"guide": {"strategy": base}}
+        algorithm = Algorithm(base, first_line(find_strategy(base)), "guided", changes=by)
     else:
-        entry = find(algorithm_entries(), base, "algorithm", SettingsError, known=OWN)
+        more = [*OWN, *offered(STRATEGIES)]
+        entry = find(algorithm_entries(), base, "algorithm", SettingsError, known=more)
         with loading(entry, "algorithm", SettingsError):
             make = entry.load()
         algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)

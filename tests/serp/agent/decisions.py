@@ -43,12 +43,14 @@ class Wild:
         return Proposal(int(self.random.choice(allowed)), True)
 
     def propose_greedily(self, x):
+        return Proposal(best_of(self.values(x)[0]), False)
+
+    def values(self, x):
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
         values = np.where(
             self.random.random(self.actions) < 0.2, wild, self.random.normal(size=self.actions)
         )
-        q = values.astype(np.float32)
-        return Proposal(best_of(q), False)
+        return values.astype(np.float32)[None]
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from serp.agent.decision import Actor, Decision, Reason
+from serp.agent.step_record import EpisodeTotals, StepRecord
 from serp.agent.strategy import Situation
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE
@@ -29,7 +31,22 @@ def forecast(values):
 
 def situation(values):
     """A state in which the plans from each action on are worth so much; no veto refuses one."""
-    return Situation(forecast(values), np.ones(len(values), bool))
+    return Situation(np.zeros(1), forecast(values), np.ones(len(values), bool))
+
+
+def decided(values, action, by=Actor.LEARNER):
+    """A decision for an action in such a state."""
+    scene = situation(values)
+    return Decision(action, by, Reason.ACCEPTED, action, by, 1.0, *scene.record)
+
+
+def step(decision, reward=0.0, state=0.0, after=0.0, terminated=False, truncated=False):
+    """A step after a decision, in a state of one fluent."""
+    before, then = np.array([float(state)]), np.array([float(after)])
+    return StepRecord(
+        1, before, before, before, decision, reward, 0.0, reward, False, False, then, then,
+        terminated, truncated, {}, EpisodeTotals(),
+    )  # fmt: skip
 
 
 class Known:
@@ -43,6 +60,9 @@ class Known:
 
     def propose_greedily(self):
         return Proposal(int(self.q.argmax()), False)
+
+    def values(self):
+        return self.q[None]
 
 
 def learner_acts(strategy):

@@ -10,7 +10,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from serp._util.plugins import offered
 from serp.agent.decision import Reason
+from serp.agent.registry import STRATEGIES
 from serp.learning.dqn import Proposal
 from tests.generated.profile import examples
 from tests.serp.agent.decisions import (
@@ -43,7 +45,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative():
 
     @examples(1_000)
     @given(
-        strategy=st.sampled_from(("evidence", "mixture")),
+        strategy=st.sampled_from(sorted(offered(STRATEGIES))),
         model=st.sampled_from((*MODELS, *RISKY)),
         actions=st.integers(0, 4),
         seed=st.integers(0, 2**32),

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from serp.agent.evidence import Evidence
 from serp.errors import RunError
 from serp.settings import Settings, resolve
-from tests.serp.agent.scene import forecast, learner_acts
+from tests.serp.agent.scene import decided, learner_acts, step
 
 RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e-300])
 EPISODES = st.lists(st.tuples(RETURNS, st.integers(1, 500)), max_size=30)
@@ -121,9 +121,10 @@ def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed):
         learner = 0.0 if episode < 60 else 20.0
         strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
         assert strategy.imitation_weight == 1.0 - strategy.rho
-        said = strategy.imitated(forecast([0.0, 1.0]))
+        said = strategy.lesson(step(decided([0.0, 1.0], 0)), None).imitated
         assert said == (-1 if learner_acts(strategy) else 1)  # only what it demonstrates
-        assert strategy.imitated(forecast([1.0, 1.0])) == -1  # a choice without a reason
+        alike = strategy.lesson(step(decided([1.0, 1.0], 0)), None)
+        assert alike.imitated == -1  # a choice without a reason
     assert strategy.imitation_weight < 0.1
 
 
