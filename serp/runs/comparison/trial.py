@@ -120,12 +120,12 @@ class Job:
         """Raise a RunError if the run in the folder has other settings or another domain file."""
         run = Run(self.folder)
         domain = self.task.load()
-        copies = [file.read_text("utf-8") for file in run.copies()]
+        copies = [read_regular(file) for file in run.copies()]
         settings = json.loads(json.dumps(self.settings.as_dict()))
         parts = {
             "settings": run.config["settings"] != settings,
             "seed": run.made.seed != self.seed,
-            "domain file": copies != [source.text for source in domain.sources],
+            "domain file": copies != [source.text.encode() for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
             raise RunError(
@@ -154,7 +154,6 @@ def run_trial(job: Job, stopped: Callable[[], bool] = lambda: False) -> None:
     """
     if job.begun:
         job.refuse_changes()
-        (job.folder / SUMMARY).unlink(missing_ok=True)  # it says that the trial is complete
     with one_thread(), job.task.bind() as bound, job.task.bind() as arena:
         run = _train if job.algorithm.make_external is None else _train_external
         run(job, bound, arena, stopped)
@@ -192,6 +191,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
                     "them failed. Remove it to run the trial from the beginning."
                 )
             callbacks = Callbacks(after_step, after_episode)
+            (job.folder / SUMMARY).unlink(missing_ok=True)  # it says that the trial is complete
             train(run, trainer, budget, callbacks, quiet=True)
 
 
