@@ -30,7 +30,7 @@ class RMax(Planned):
     Brafman and Tennenholtz 2002, "R-MAX - a general polynomial time algorithm for near-optimal
     reinforcement learning", JMLR 3. States are told apart by their fluents, exactly, so that the
     method is one for finite tasks. The largest reward is not known beforehand: the largest one seen
-    stands for it, at least 0. Among unknown actions the original draws; here the planner's choice
+    stands for it, 1 before one is positive. Among unknown actions the original draws; here the planner's choice
     comes first, and where a state is unknown the trained policy follows the planner. The learner
     learns beside it, and is not asked.
     """
@@ -115,7 +115,7 @@ class RMax(Planned):
         reward, share = np.bincount(pair, sums) / tries, times / tries[pair]
         state = np.array([s for s, _ in known])
         unknown = np.array([*self._open, False])
-        most = self._largest / (1.0 - gamma)
+        most = (self._largest or 1.0) / (1.0 - gamma)
         value = np.where(unknown, most, 0.0)  # the last one is the end, worth 0
         floor = value.copy()
         floor[state[~unknown[state]]] = -np.inf

@@ -123,13 +123,16 @@ def lsp() -> None:
 @command(
     "serp studio soccer",
     "serp studio my/world.pddl --port 8400 --no-browser",
+    "serp studio runs/seven --step 1204",
 )
 @click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               help="Port on this machine.  [default: any that is free]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
-def studio(name: str, port: int, no_browser: bool) -> None:
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
+              help="Begin with a step of RUN, as in decisions.csv, from 0.")  # fmt: skip
+def studio(name: str, port: int, no_browser: bool, step: int | None) -> None:
     """Edit a domain file in the browser and see what it means.
 
     Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
@@ -144,6 +147,6 @@ def studio(name: str, port: int, no_browser: bool) -> None:
         from serp.ui.studio.serving import serve
     from serp.ui.studio.session import open_session
 
-    session = open_session(name, Path.cwd(), asked_own_task())
+    session = open_session(name, Path.cwd(), asked_own_task(), step)
     say("serp studio runs at this address; Ctrl-C ends it.")
     serve(session, port, browser=not no_browser)

@@ -100,6 +100,12 @@ class Session:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
         self.values, self.origin, self.step = {}, _INITIAL, None
 
+    def show_recorded(self, run: Run, number: int) -> None:
+        """Show the decision in a step that a run recorded, from 0, or raise a RunError."""
+        step = run.recording().step(number)
+        self.values, self.step = run.domain.model.values(step.state), None
+        self.origin = f"step {number:,} of {run.path.name}, step {step.number} of its episode"
+
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
@@ -129,15 +135,17 @@ class Session:
 # Opening -----------------------------------------------------------------------------------------
 
 
-def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
+def open_session(
+    name: str, folder: Path, own: Task | None = None, step: int | None = None
+) -> Session:
     """Open a domain file, with the problem beside it and the task that it belongs to.
 
     `name` is the file, an installed task, or the folder of a run, whose copies are saved elsewhere;
-    `folder` the working folder; `own` the task of `--task`.
+    `folder` the working folder; `own` the task of `--task`; `step` one that the run recorded.
     """
     title, task, surroundings = None, own, Surroundings(planner=Settings().planner)
-    if (Path(name) / CONFIG).is_file():
-        run = Run(Path(name))
+    run = Run(Path(name)) if (Path(name) / CONFIG).is_file() else None
+    if run is not None:
         made, (file, *others) = run.made, run.copies()
         problem = others[0] if others else None
         title = f"{Domain.parse(Source.read(file)).name}.pddl"
@@ -168,4 +176,9 @@ def open_session(name: str, folder: Path, own: Task | None = None) -> Session:
         other = Document(problem, folder)
         if title is not None or other.elsewhere:  # it is saved beside the domain
             other = Document(problem, folder, str(problem_beside(opened.target).absolute()))
-    return Session(opened, other, surroundings, task)
+    session = Session(opened, other, surroundings, task)
+    if step is not None:
+        if run is None:
+            raise SerpError(f"--step shows a step of a run, but {name} is none; give its folder")
+        session.show_recorded(run, step)
+    return session

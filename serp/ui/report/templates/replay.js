@@ -132,7 +132,7 @@ function paintCauses() {
   const explained = chosen === arrays.executed[now] || chosen === arrays.proposed[now];
   if (!found.length) list.append(element("li", { class: "quiet" }, explained
     ? "No reward, end or flag." : "Explained are the executed and the refused action; "
-      + `serp why --step ${arrays.position[now]} explains all.`));
+      + `serp why --step ${arrays.position[now]} explains all, serp studio --step opens it.`));
   const lines = new Set(found.map((k) => meta.causes[arrays.cause[k]].line));
   for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
   for (const id of lines) if (id) byId(id).classList.add("used");

@@ -192,3 +192,8 @@ def test_a_run_is_opened_with_its_copy_of_the_file(tmp_path):
     assert of_run.documents["domain"].target == tmp_path / "elsewhere" / "cartpole.pddl"
     assert of_run.task is not None and of_run.surroundings.dt == task.dt
     assert of_run.asked()().decision is not None
+    at_step = open_session(str(run.path), tmp_path, step=7)
+    recorded = run.recording().step(7)
+    assert at_step.values == run.domain.model.values(recorded.state) and "step 7" in at_step.origin
+    with pytest.raises(SerpError, match="a step of a run"):
+        open_session(str(run.path / "domain.pddl"), tmp_path, step=7)
