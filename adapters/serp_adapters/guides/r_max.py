@@ -30,9 +30,9 @@ class RMax(Planned):
     Brafman and Tennenholtz 2002, "R-MAX - a general polynomial time algorithm for near-optimal
     reinforcement learning", JMLR 3. States are told apart by their fluents, exactly, so that the
     method is one for finite tasks. The largest reward is not known beforehand: the largest one seen
-    stands for it, 1 before one is positive. Among unknown actions the original draws; here the planner's choice
-    comes first, and where a state is unknown the trained policy follows the planner. The learner
-    learns beside it, and is not asked.
+    stands for it, 1 before one is positive. Among unknown actions the original draws; here the
+    planner's choice comes first, and where a state is unknown the trained policy follows the
+    planner. The learner learns beside it, and is not asked.
     """
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
