@@ -119,8 +119,9 @@ class Situation:
 class Strategy(Declared):
     """The learner always proposes.
 
-    This is the base class of all strategies. A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
-    subclass is found by name through the entry-point group `serp.strategies`.
+    This is the base class of all strategies. A strategy proposes; `serp.Arbiter` decides, so that
+    the vetoes hold under every strategy. A subclass is found by name through the entry-point group
+    `serp.strategies`.
 
     Args:
         settings: All settings.
