@@ -88,18 +88,12 @@ def find_learner(name: str, own: Mapping[str, MakeLearner] | None = None) -> Mak
 
 def _made_learner(name: str, make: MakeLearner, *numbers: Any, **options: Any) -> Learner:
     """Return the learner that a function makes; refuse one that lacks a method."""
-    arguments = ", ".join(
-        ["input_size, action_count, settings, seed", *(f"{o}=..." for o in options)]
-    )
-    with plugins.blaming(f"learner `{name}`, called with ({arguments})", SettingsError):
+    given = "(input_size, action_count, settings, seed, imitates=..., discount=...)"
+    with plugins.blaming(f"learner `{name}`, called with {given}", SettingsError):
         made = make(*numbers, **options)
     wanted = {each for of in (Stateful, Learner) for each in (*vars(of), *of.__annotations__)}
-    lacks = sorted(each for each in wanted if each[0] != "_" and not hasattr(made, each))
-    if lacks:
-        what = f"{type(made).__name__} has no {listed(lacks, most=20)}"
-        raise SettingsError(
-            f"learner `{name}`: {what}; serp.agent.protocols.Learner says what they do"
-        )
+    if lacks := sorted(each for each in wanted if each[0] != "_" and not hasattr(made, each)):
+        raise SettingsError(f"learner `{name}`: {type(made).__name__} has no {listed(lacks, 20)}")
     return made
 
 

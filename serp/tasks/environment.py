@@ -64,11 +64,7 @@ class BoundTask(Closing):
         for right, name, allowed in (
             (isinstance(task.name, str | None), "name", "a text"),
             (callable(task.ground), "ground", "a function of an observation"),
-            (
-                callable(task.make_env),
-                "make_env",
-                "a function, `lambda: gymnasium.make(...)`",
-            ),
+            (callable(task.make_env), "make_env", "a function: lambda: gymnasium.make(...)"),
             (functions[0], "planners", "a mapping {name: function}"),
             (functions[1], "learners", "a mapping {name: function}"),
             (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
@@ -188,11 +184,7 @@ class BoundTask(Closing):
         except TaskError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         except Exception as error:
-            keys = (
-                f"; info has {listed(info or {}) or 'no keys'}"
-                if isinstance(error, KeyError)
-                else ""
-            )
+            keys = f"; info has {listed(info or ()) or 'no keys'}" * isinstance(error, KeyError)
             raise TaskError(
                 f"task {self.name}: the grounding failed on {raw}: {raised(error)}{keys}"
             ) from error

@@ -57,9 +57,8 @@ def _made_task(name: str) -> Task:
 
         wrong = re.search(r"Task.*unexpected keyword argument '(\w+)'", str(error))
         meant = f"; {did_you_mean(wrong[1], Task.__dataclass_fields__)}" if wrong else ""
-        raise TaskError(
-            f"{option}: making the task failed: {plugins.raised(error)}{meant}"
-        ) from error
+        what = f"{plugins.raised(error)}{meant}"
+        raise TaskError(f"{option}: making the task failed: {what}") from error
     if not _is_task(made):
         hint = "; is a `return` missing?" if made is None else ""
         raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task{hint}")

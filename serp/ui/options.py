@@ -72,34 +72,12 @@ policy_option = click.option(
          "learner alone, no veto. None explores.")  # fmt: skip
 
 
-class WholeNumber(click.IntRange):
-    """A whole number within bounds."""
-
-    name = "whole number"
-
-
-class _Command(click.Command):
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse the arguments; a name too many may be that of a task."""
-        try:
-            return super().parse_args(ctx, args)
-        except click.UsageError as error:
-            text = error.format_message()
-            if "unexpected extra argument" not in text or "--domain" not in self._options():
-                raise
-            text += "; a task or a domain file is given as --domain NAME"
-            raise click.UsageError(text, ctx) from None
-
-    def _options(self) -> set[str]:
-        return {option for parameter in self.params for option in parameter.opts}
-
-
 def command(*lines: str) -> Callable[[Callable[..., Any]], click.Command]:
     """Return the decorator of a command with the name of its function; its help ends with examples.
 
     Whatever runs a command is to import little, so a command imports what it needs when it runs.
     """
-    return click.command(epilog=examples(*lines), cls=_Command)
+    return click.command(epilog=examples(*lines))
 
 
 def run_argument(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -109,7 +87,7 @@ def run_argument(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def seed_option(what: str) -> Decorator:
     """Return the option of a seed; `what` is its help."""
-    return click.option("--seed", type=WholeNumber(min=0), default=0, show_default=True,
+    return click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
                         metavar="N", help=what)  # fmt: skip
 
 

@@ -48,7 +48,10 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     except click.ClickException as error:
         with io.StringIO() as shown:
             error.show(shown)
-            say(shown.getvalue().rstrip("\n"))
+            text = shown.getvalue().rstrip("\n").replace("a valid integer range", "a whole number")
+        if "unexpected extra argument" in text:
+            text += "; options name what a command works on, such as --domain NAME"
+        say(text)
         status = error.exit_code
     except (click.Abort, KeyboardInterrupt) as abort:
         stop = abort.__cause__ or abort  # click replaces what it was

@@ -11,7 +11,7 @@ import click
 
 from serp._util.text import plural
 from serp.errors import SerpError, needs_extra
-from serp.ui.options import WholeNumber, asked_own_task, command, own_task_option
+from serp.ui.options import asked_own_task, command, own_task_option
 from serp.ui.output import print_difference, print_next, show
 from serp.ui.root import say
 
@@ -126,7 +126,7 @@ def lsp() -> None:
 )
 @click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option
-@click.option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
+@click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
               help="Port on this machine.  [default: any that is free]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 def studio(name: str, port: int, no_browser: bool) -> None:

@@ -11,7 +11,6 @@ import click
 from serp._util.text import duration, percent, plural, sparkline
 from serp.ui.commands.trained import print_account
 from serp.ui.options import (
-    WholeNumber,
     again,
     asked_task,
     command,
@@ -41,9 +40,9 @@ if TYPE_CHECKING:
 @own_task_option
 @click.option("--preset", metavar="default|paper", default="default", show_default=True,
               help="Settings to begin with.")  # fmt: skip
-@click.option("--episodes", type=WholeNumber(min=1), metavar="N",
+@click.option("--episodes", type=click.IntRange(min=1), metavar="N",
               help="Train until N episodes have ended.")  # fmt: skip
-@click.option("--env-steps", type=WholeNumber(min=1), metavar="N",
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Train for N steps in the environment.")  # fmt: skip
 @seed_option("Seed of everything random.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR",

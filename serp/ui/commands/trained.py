@@ -14,7 +14,6 @@ from serp.errors import needs_extra
 from serp.runs import Policy
 from serp.ui.options import (
     OutputFile,
-    WholeNumber,
     command,
     json_option,
     open_run,
@@ -36,11 +35,11 @@ if TYPE_CHECKING:
     "serp why runs/seven --evaluation serp-seed0 --episode 3 --step 8 --json",
 )
 @run_argument
-@click.option("--step", type=WholeNumber(min=0), metavar="N",
+@click.option("--step", type=click.IntRange(min=0), metavar="N",
               help="The step of the run, as in decisions.csv, or of the --episode; both count "
                    "from 0.  [default: the most telling one]")  # fmt: skip
 @click.option(
-    "--episode", type=WholeNumber(min=1), metavar="E", help="The episode; the first is 1."
+    "--episode", type=click.IntRange(min=1), metavar="E", help="The episode; the first is 1."
 )
 @click.option("--evaluation", metavar="NAME",
               help="A step of an evaluation, such as serp-seed0, instead of the training.",
@@ -114,9 +113,9 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
 @click.option("--evaluation", metavar="NAME",
               help="Show the steps of this recorded evaluation.  [default: of the training]",
               )  # fmt: skip
-@click.option("--steps", type=WholeNumber(min=1), default=30_000, show_default=True, metavar="N",
+@click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
               help="Most steps in the file.")  # fmt: skip
-@click.option("--pictures", type=WholeNumber(min=0), default=1_000, show_default=True,
+@click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
               metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
 def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Write RUN, a folder of plan-and-learn, as one HTML file.
@@ -148,7 +147,7 @@ def _print_size(path: Path) -> None:
 )
 @run_argument
 @policy_option
-@click.option("--episodes", type=WholeNumber(min=1), default=100, show_default=True, metavar="N",
+@click.option("--episodes", type=click.IntRange(min=1), default=100, show_default=True, metavar="N",
               help="Episodes to measure.")  # fmt: skip
 @seed_option("Seed of the environment.")
 @json_option
@@ -229,7 +228,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
 )
 @run_argument
 @policy_option
-@click.option("--episodes", type=WholeNumber(min=1), default=3, show_default=True, metavar="N",
+@click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
               help="Episodes to show.")  # fmt: skip
 @seed_option("Seed of the environment; `serp evaluate` has the same episodes.")
 @click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",

@@ -14,7 +14,6 @@ import click
 from serp._util.text import measured, readable
 from serp.ui.options import (
     Decorator,
-    WholeNumber,
     again,
     asked_task,
     command,
@@ -43,13 +42,13 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      callback=lambda ctx, parameter, value: _parse_seeds(value),
                      help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
                           f"[default: {len(seeds)}]"),
-        click.option("--env-steps", type=WholeNumber(min=1), metavar="N",
+        click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
                      help="Budget of each training."),
         settings_option,
         click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
                      help="Folder of the results; one that is there is continued.  "
                           f"[default: runs/{folder}-<domain>-<time>]"),
-        click.option("--jobs", type=WholeNumber(min=1), metavar="N",
+        click.option("--jobs", type=click.IntRange(min=1), metavar="N",
                      help="Trainings at the same time.  [default: one a core]"),
         click.option("--engine", metavar="local|ray", default="local", show_default=True,
                      help="What runs the trainings: processes of this machine, or a cluster."),
@@ -93,21 +92,20 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
                    "fluents to the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
-@click.option("--evaluate-every", type=WholeNumber(min=1), metavar="N",
+@click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
               help="Evaluate the learner alone every N env steps.  "
                    "[default: budget/10]")  # fmt: skip
-@click.option("--evaluation-episodes", type=WholeNumber(min=1), metavar="N",
+@click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
-@click.option("--final-episodes", type=WholeNumber(min=1), metavar="N",
+@click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
 @_trials_options(seeds=range(5), folder="compare")
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
     """Compare algorithms on one task, with the same budget and seeds.
 
-    The report shows how fast each learns, its unsafe steps and its time. --set changes all of
-    serp's algorithms that do not set the same themselves. Each trial is a run folder. With the same
-    --out only missing trials run, and those that Ctrl-C, SIGTERM or SIGHUP stopped (exit status
-    130, 143, 129) continue.
+    --set changes all of serp's algorithms that do not set the same themselves. Each trial is a run
+    folder. With the same --out only missing trials run, and those that Ctrl-C, SIGTERM or SIGHUP
+    stopped (exit status 130, 143, 129) continue.
     """
     from serp.runs.comparison import compare as comparing
 
@@ -156,7 +154,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
               show_default=True,
               help="Area under the training curve, or return of the trained "
                    "policy.")  # fmt: skip
-@click.option("--trials", type=WholeNumber(min=1), metavar="N", default=50, show_default=True,
+@click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
               help="Trials of the study in all.")  # fmt: skip
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
