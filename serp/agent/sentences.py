@@ -231,7 +231,7 @@ def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     first = causes[0]
     by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
-        by = " by what the run has learned"
+        by = " by the learned model"
     elif first.origin == "chance":
         by = " by its other outcomes"
     return f"{when}{brought}{by}{_where(causes)}"

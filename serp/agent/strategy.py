@@ -97,7 +97,7 @@ class Situation:
 
 
 class Strategy(Declared):
-    """The learner always proposes; the base class of all strategies.
+    """The learner always proposes.
 
     A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
     subclass is found by name through the entry-point group `serp.strategies`.

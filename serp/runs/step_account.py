@@ -298,7 +298,7 @@ def _candidates(run: Run) -> Iterator[ChosenPlanner]:
     if isinstance(planner, FarSightPlanner):
         planner.visited = run.adaptation.experience
         planner.load_state_dict(*run.saved_agent.part("planner"))
-    learned = "what the newest checkpoint has learned"
+    learned = "the model of the newest checkpoint"
     yield ChosenPlanner(planner, model, settings, learned, seconds=_SECONDS)
 
 

@@ -251,7 +251,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(
             f"stopped with {complete} of {len(jobs)} trials complete in {folder}.\n"
-            f"Go on with the same command and --out {folder}.",
+            f"Continue with the same command and --out {folder}.",
             stopping.signal,
         )
     if failed:

@@ -93,7 +93,7 @@ class TrialsRequest(Section):
         if self.engine != LOCAL:
             find_engine(self.engine)
         elif self.address is not None:
-            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+            raise ValueError("address needs the engine of a cluster, such as engine = 'ray'")
         return self
 
 

@@ -214,7 +214,7 @@ def _refuse_to_replace(recorded: Run, out: Path, force: bool) -> None:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.path}")
     for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
         if os.path.lexists(file) and not force:
-            raise SerpError(f"{file} exists{what}; give another name, or go on with --force")
+            raise SerpError(f"{file} exists{what}; give another name, or overwrite it with --force")
 
 
 def _write(recorded: Run, text: str, out: Path) -> None:

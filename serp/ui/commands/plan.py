@@ -174,7 +174,7 @@ def _asked_state(
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
         other = "a problem file with an :init" if task is None else "the environment's: --observe"
         raise SerpError(
-            f"{domain.source.name}: which state? --state gives no value of {listed(missing)}; give "
+            f"{domain.source.name}: the state is incomplete: --state gives no value of {listed(missing)}; give "
             f"these too, or {other}"
         )
     if given and not complete:
@@ -205,6 +205,6 @@ def _planner_of(run: Run, domain: Domain) -> ChosenPlanner:
     agent = run.agent
     model = agent.arbiter.model
     if domain.model.fluents != model.fluents:
-        raise SerpError("--state gives a value to what the problem file of the run fixes")
+        raise SerpError("--state sets a value that the problem file of the run fixes")
     settings, name = agent.settings.planner, "The planner of the run"
     return ChosenPlanner(agent.arbiter.planner, model, settings, name, agent.undisturbed)
