@@ -71,7 +71,7 @@
     :precondition (and)
     :effect (and (increase (reward) 1.0)))
 
-  (:event lean-right           ; ... less the lean, as a share of the 15 degrees that are allowed ...
+  (:event lean-right           ; ... minus the lean, relative to the 15 degrees that are allowed ...
     :parameters ()
     :precondition (and (> (pole-angle) 0.0))
     :effect (and (decrease (reward) (/ (pole-angle) 0.2618))))
@@ -81,7 +81,7 @@
     :precondition (and (< (pole-angle) 0.0))
     :effect (and (increase (reward) (/ (pole-angle) 0.2618))))
 
-  (:event off-centre-right     ; ... and less a tenth of the distance from the middle.
+  (:event off-centre-right     ; ... and minus a tenth of the distance from the middle.
     :parameters ()
     :precondition (and (> (cart-position) 0.0))
     :effect (and (decrease (reward) (* 0.1 (cart-position)))))

@@ -41,8 +41,8 @@
     :precondition (and)
     :effect (and (when (> (column) 0) (decrease (column) 1))))
 
-  ; What is good about the place where a step has led: every step costs, the more the farther the
-  ; goal, so that five steps of looking ahead are enough to see which way it lies.
+  ; Every step has a cost that grows with the distance from the goal. So five steps of lookahead
+  ; are enough to see the direction of the goal.
   (:event distance
     :parameters ()
     :precondition (and)

@@ -325,4 +325,4 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
 def unsafe_ahead(safe_steps: int) -> str:
     """Say that something unsafe, or too risky, follows a first step that is safe."""
     periods = plural(safe_steps, "control period")
-    return f"safe for {periods}, then nothing is left that is predicted safe"
+    return f"safe for {periods}, then no action is predicted safe"

@@ -8,12 +8,14 @@ A package adds one by declaring it; serp needs no change::
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Mapping
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from serp._util import plugins
-from serp.agent.protocols import MakeLearner, MakePlanner, Planner
+from serp._util.did_you_mean import listed
+from serp.agent.protocols import Learner, MakeLearner, MakePlanner, Planner, Stateful
 from serp.agent.strategy import Strategy
 from serp.errors import SettingsError
 from serp.model.transition_model import TransitionModel
@@ -80,9 +82,19 @@ def find_learner(name: str, own: Mapping[str, MakeLearner] | None = None) -> Mak
 
     `own` is `serp.Task.learners`.
     """
-    if own and name in own:
-        return own[name]
-    return cast(MakeLearner, _load(LEARNERS, name))
+    make = own[name] if own and name in own else _load(LEARNERS, name)
+    return functools.partial(_made_learner, name, make)
+
+
+def _made_learner(name: str, make: MakeLearner, *numbers: Any, **options: Any) -> Learner:
+    """Return the learner that a function makes; refuse one that lacks a method."""
+    given = "(input_size, action_count, settings, seed, imitates=..., discount=...)"
+    with plugins.blaming(f"learner `{name}`, called with {given}", SettingsError):
+        made = make(*numbers, **options)
+    wanted = {each for of in (Stateful, Learner) for each in (*vars(of), *of.__annotations__)}
+    if lacks := sorted(each for each in wanted if each[0] != "_" and not hasattr(made, each)):
+        raise SettingsError(f"learner `{name}`: {type(made).__name__} has no {listed(lacks, 20)}")
+    return made
 
 
 def refuse_unknown_names(settings: Settings, task: Task | None = None) -> None:

@@ -21,7 +21,7 @@ TO_THE_UNKNOWN: Final = (
 )
 """What the bound `UNKNOWN` of a planner's sight means."""
 PARTIAL: Final = (
-    "The planner did not see to the end of the task: a partial return omits what comes later."
+    "The planner did not see to the end of the task; partial returns leave out what comes later."
 )
 """What a bound that is `partial` means."""
 
@@ -78,7 +78,7 @@ def between(runner_up: RunnerUp, name: str) -> str:
     if runner_up.ahead:
         return f"Next best: {other}, {lesser(runner_up)}."
     turned = replace(runner_up, path_risks=runner_up.path_risks[::-1])
-    return f"By the planner's values {other} comes before {name}, {lesser(turned)}."
+    return f"The planner ranks {other} before {name}, {lesser(turned)}."
 
 
 def lesser(other: RunnerUp) -> str:
@@ -87,10 +87,10 @@ def lesser(other: RunnerUp) -> str:
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
-        "delay": "which is worth as much, but puts that off",
-        "rank": "which is less safe one step ahead, whatever it gains",
-        "risk": f"whose path has more risk ({own} against {taken}), whatever it gains",
-        "safe steps": "whose path stays safe for less long, whatever it gains",
+        "delay": "which is worth the same but gains it later",
+        "rank": "which is less safe one step ahead, regardless of its return",
+        "risk": f"whose path has more risk ({own} against {taken}), regardless of its return",
+        "safe steps": "whose path stays safe for fewer steps, regardless of its return",
     }[other.by]
 
 
@@ -109,8 +109,8 @@ def special_about(forecast: Forecast) -> list[str]:
         sentences.append(PARTIAL)
     if needed := held_back(forecast):
         sentences.append(
-            "An action that is worth more is left out because of its risk; "
-            f"planner.accepted_risk={readable(needed)} would let it pass."
+            "A more valuable action is excluded because of its risk; "
+            f"planner.accepted_risk={readable(needed)} would allow it."
         )
     if chosen < 0 or forecast.safe:
         return sentences
@@ -120,8 +120,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. The best path whose risk is the least one, up to the accepted "
-            f"difference, is taken: {percent(risk)}."
+            f"{where} too risky. The best path within the accepted risk of the safest one is "
+            f"taken; its risk is {percent(risk)}."
         )
     else:
         sentences.append(
@@ -150,13 +150,13 @@ def who_decided(
     (proposal, proposer), (action, actor) = proposed, executed
     who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
-        rarely = ", for it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        rarely = ", because it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
     elif reason is Reason.ACCEPTED:
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
         if indifferent:
-            lead = ", for all plans were worth the same to the planner"
-        lines = [f"{who} chose {action}{lead}. Nothing refused it."]
+            lead = ", because all plans had the same value for the planner"
+        lines = [f"{who} chose {action}{lead}. It was not vetoed."]
     else:
         lines = [f"{who} proposed {proposal}."] if proposal else []
         if reason in of_all and why and proposal:  # what is behind it is its alone
@@ -167,7 +167,7 @@ def who_decided(
         lines.append(
             f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
             if action != proposal
-            else f"{action} was executed all the same: nothing better was left."
+            else f"{action} was executed anyway, because nothing better was available."
         )
     if bound is Bound.UNKNOWN:
         lines.append(TO_THE_UNKNOWN)
@@ -202,7 +202,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
         for change in found.changes[:3]
     ]
     other = outcome or "the planner would have chosen otherwise"
-    return lines or [f"No change of a single fluent was found with which {other}."]
+    return lines or [f"No change of a single fluent was found for which {other}."]
 
 
 def _change(change: Counterfactual) -> str:
@@ -219,9 +219,10 @@ def _change(change: Counterfactual) -> str:
 def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     """Return the line of what a schema brings in some control periods in succession."""
     causes, after = run[0], run[0][0].after
-    when = f"in step {after + 1}: " if after else ""
+    when = f"{plural(after, 'step')} later: " if after else ""
     if len(run) > 1:
-        when = f"in steps {after + 1} to {after + len(run)}: "
+        last = after + len(run) - 1
+        when = f"{after} to {last} steps later: " if after else f"in the next {last + 1} steps: "
     amounts = [
         None if cause.amount is None else sum(period[k].amount or 0.0 for period in run)
         for k, cause in enumerate(causes)
@@ -230,7 +231,7 @@ def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     first = causes[0]
     by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
-        by = " by what the run has learned"
+        by = " by the learned model"
     elif first.origin == "chance":
         by = " by its other outcomes"
     return f"{when}{brought}{by}{_where(causes)}"
@@ -247,7 +248,7 @@ def _what(cause: Cause, amount: float | None) -> str:
         case "unsafe":
             return "unsafe"
         case "risk":
-            return f"a risk of {percent(amount or 0.0)} to be unsafe"
+            return f"a {percent(amount or 0.0)} risk of being unsafe"
         case "end":
             return "the end of the task"
         case "failed":

@@ -54,12 +54,12 @@ class PolicyEvidence(NamedTuple):
         parts = []
         for name, worth in (("planner", self.planner), ("learner", self.learner)):
             if worth is None:
-                parts.append(f"the {name} has not led an episode")
+                parts.append(f"no episode led by the {name}")
             else:
                 led = plural(worth.episodes, "episode")
-                parts.append(f"an episode that the {name} leads is worth {worth} ({led})")
+                parts.append(f"mean return {worth} in {led} led by the {name}")
         better = percent(self.learner_better)
-        return "; ".join([*parts, f"the learner is better with a probability of {better}"])
+        return "; ".join([*parts, f"the learner is better with probability {better}"])
 
 
 Seed = int | np.random.SeedSequence

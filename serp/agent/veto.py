@@ -162,14 +162,14 @@ class VetoPolicy(Declared):
         """Return in words how often the lookahead failed, and what risk held back."""
         counted = self.reliability
         share = percent((counted.failures + 1) / (counted.steps + 2))  # Laplace's rule
-        text = f"The lookahead failed {counted}: {share} a step"
+        text = f"The lookahead failed {counted}; its failure rate is estimated at {share} per step"
         if self.looks_farther:
-            text += ". Actions have to leave two safe ways on beyond it"
+            text += ". An action must now leave two safe ways on beyond it"
         elif not counted.reliable:
-            text += ". Vetoes use the next step alone"
+            text += ". Vetoes now use the next step only"
         if self.held_back:
-            text += f". In {plural(self.held_back, 'step')} risk held back an action worth more; "
-            text += f"planner.accepted_risk from {percent(self.needed_risk)} on may let one pass"
+            text += f". In {plural(self.held_back, 'step')} risk excluded a more valuable action; "
+            text += f"planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
         return text
 
     def observe(self, step: StepRecord) -> bool:

@@ -64,9 +64,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     endings = (".pddl", "-problem.pddl" if env is None else ".py", ".scenarios")
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
-        raise TaskError(
-            f"{' and '.join(existing)}: there is such a file already; nothing is written"
-        )
+        raise TaskError(f"{' and '.join(existing)}: this file exists already; nothing is written")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]
@@ -190,7 +188,7 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
     if len(fields) > MOST:
         raise TaskError(
             f"an observation of {called} has more than {MOST} numbers, too many to be fluents one "
-            "by one; say the few that matter through gymnasium.wrappers.TransformObservation, or "
+            "by one; select the few that matter with gymnasium.wrappers.TransformObservation, or "
             "write the task yourself (how-to: Connect your own environment)"
         )
     documentation = inspect.getdoc(type(env.unwrapped)) or ""
@@ -250,7 +248,7 @@ def _numbers(space: Any, expression: str, name: str) -> Iterator[tuple[str, str,
     if isinstance(space, spaces.Dict):
         for key, part in space.spaces.items():
             if not isinstance(key, str):
-                raise TaskError(f"the observation has a part {key!r}; name its parts by texts")
+                raise TaskError(f"the observation has a part {key!r}; name its parts with strings")
             inner = key if name == "observation" else f"{name} {key}"
             yield from _numbers(part, f"{expression}[{key!r}]", inner)
     elif isinstance(space, spaces.Tuple):

@@ -118,7 +118,7 @@ class StateSpace:
             return state
         size = f"a state of this domain has {wanted} number{'' if wanted == 1 else 's'}"
         if state.ndim != 1:
-            raise StateError(f"{size}, found shape {state.shape}")
+            raise StateError(f"{size}, found shape {state.shape}; give them in one row")
         names = [f.name for f in self.fluents]
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
@@ -176,7 +176,8 @@ def numbers(values: ArrayLike, what: str) -> Vector:
     except ValueError:  # lists of different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "biuf":
-        raise StateError(f"{what} must consist of numbers, found {values!r}")
+        hint = "; is a `return` missing?" if values is None else ""
+        raise StateError(f"{what} must consist of numbers, found {values!r}{hint}")
     return array.astype(np.float64, copy=False)
 
 

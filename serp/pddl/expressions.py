@@ -107,7 +107,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
             group.items[0].place,
-            f"list `{x.MATH_REQUIREMENT}` under :requirements, then this is a file for SErP alone",
+            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools then refuse the file",
             code="math-functions",
         )
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])
@@ -200,7 +200,9 @@ def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParamete
 
 def _comparison(group: Group, scope: Scope) -> x.Condition:
     if len(group.items) != 3:
-        raise DomainError(f"`{group.head}` compares two things", group.place)
+        advice = f"write `({group.head} a b)`; several comparisons stand under `and`"
+        found = f"`{group.head}` compares two values, found {len(group.items) - 1}"
+        raise DomainError(found, group.place, advice)
     left, right = (as_function(node, scope) for node in group.items[1:])
     if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
         return x.SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
@@ -416,6 +418,7 @@ def _change(group: Group, scope: Scope) -> x.ChangeFunction:
         raise DomainError(
             f"`(reward)` may only be increased or decreased, not `{group.head}`",
             group.place,
+            "write `(increase (reward) ...)`; the reward of a step begins at 0",
             guess=f"(increase {' '.join(map(slips.written, group.items[1:]))})",
             code="reserved-name",
         )

@@ -172,9 +172,12 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
             raise _unknown(what, word, advice)
         raise _unknown(what, word, did_you_mean(word.text, known), closest(word.text, known))
     if declaration.numeric != numeric:
-        other = "predicate" if numeric else "function"
+        other, advice = "predicate", "a predicate is true or false, not a number"
+        if not numeric:
+            other, name = "function", f"({word.text})"
+            advice = f"compare it: `(> {name} 0)`; as an effect, `(increase {name} 1)` changes it"
         problem = f"`{word.text}` is a {other}, a {what} is needed here"
-        raise DomainError(problem, word.place, code="wrong-kind")
+        raise DomainError(problem, word.place, advice, code="wrong-kind")
     return declaration
 
 

@@ -16,6 +16,7 @@ from serp.pddl.source import DomainError, Edit, Fix, Place
 from serp.pddl.syntax import MATH_FUNCTIONS, MATH_REQUIREMENT, Declaration
 
 _COMMA = re.compile(r"([+-]?\d+),(\d+)\Z", re.ASCII)
+_UNIT = re.compile(r"([+-]?\d+(?:\.\d+)?)[a-z°%][^\d]*\Z", re.ASCII)
 _DASHES = dict.fromkeys(map(ord, "\u2212\u2013\u2014\u2010\u2011"), "-")
 _COMPARISONS = {"==": "=", "=<": "<=", "=>": ">=", "!=": "not =", "<>": "not ="}
 _CONNECTIVES = {"&&": "and", "&": "and", "||": "or", "|": "or", "->": "imply"}
@@ -91,7 +92,7 @@ def _foreign(problem: str, place: Place, write: str, advice: str = "") -> Domain
 
 
 def in_word(word: Word) -> DomainError | None:
-    """Recognise `0,5`, and a minus that is none."""
+    """Recognise `0,5`, `2.0m`, and a minus that is none."""
     problem = f"expected a number, found `{word.text}`"
     plain = word.text.translate(_DASHES)
     if plain != word.text:
@@ -99,6 +100,9 @@ def in_word(word: Word) -> DomainError | None:
     if match := _COMMA.match(word.text):
         point = f"{match[1]}.{match[2]}"
         return DomainError(problem, word.place, "decimals have a point", write=point)
+    if match := _UNIT.match(word.text):
+        advice = "a number has no unit; name the unit in a comment"
+        return DomainError(problem, word.place, advice, guess=match[1])
     return None
 
 

@@ -250,7 +250,9 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         resolved = resolve(preset, task.settings, settings)
         refuse_unknown_names(resolved, task)
         if resolved.training.num_envs > 1:
-            raise SettingsError("training.num_envs: a guarded environment is one; set it to 1")
+            raise SettingsError(
+                "training.num_envs: a guarded environment cannot have several; set it to 1"
+            )
         bound = task.bind(render_mode=render_mode)
         try:
             bound.on_notice = lambda line: warnings.warn(visible(line), Notice, stacklevel=2)

@@ -361,18 +361,18 @@ class Recording:
         return StoredStep(step=step, decision=decision, **{name: at(name) for name in own})
 
     def find(self, episode: int, number: int) -> int:
-        """Return the position of a step of an episode, both from 1, or raise a RunError."""
+        """Return the position of step `number`, from 0, of an episode, from 1; or a RunError."""
         steps = self.episodes.get(episode)
         if steps is None:
             last = max(self.episodes, default=0)
             there = f"episodes 1 to {last:,}" if last else "no episode yet"
             raise RunError(f"there is no episode {episode:,}: {self.folder} holds {there}.")
-        if not 1 <= number <= len(steps):
+        if not 0 <= number < len(steps):
             raise RunError(
                 f"episode {episode:,} has no step {number:,}: it has "
-                f"{plural(len(steps), 'step')}, counted from 1."
+                f"{plural(len(steps), 'step')}, counted from 0."
             )
-        return int(steps[number - 1])
+        return int(steps[number])
 
 
 def vetoed(columns: Columns) -> NDArray[np.bool_]:

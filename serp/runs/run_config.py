@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, ValidationError
 
+from serp._util.did_you_mean import listed
 from serp._util.files import json_text, read_json, write_durably
 from serp._util.numbers import COUNTED
 from serp.errors import RunError, SettingsError
@@ -132,12 +133,16 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
     """
     if os.path.isfile(folder):
         raise RunError(f"{folder} is a file; a run is given by its folder.")
-    if not os.path.isdir(folder):
-        raise RunError(f"there is no run {folder}: no such folder.")
+    within = folder if os.path.isdir(folder) else folder.parent
+    runs = sorted(str(each.parent) for each in within.glob(f"*/{CONFIG}"))
+    there = f" There are the runs {listed(runs)}." if runs else ""
+    if within != folder:
+        raise RunError(f"there is no folder {folder}.{there}")
     file = folder / CONFIG
     if not os.path.isfile(file):
         raise RunError(
-            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
+            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn "
+            f"wrote.{there}"
         )
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")

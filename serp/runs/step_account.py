@@ -161,7 +161,7 @@ class StepAccount:
         """Return JSON values (infinities and NaN among them)."""
         step, decision = self.step, self.step.decision
         by = ("executed_by", "proposed_by", "reason")
-        of_step = ("step", "episode", "number", "terminated", "truncated")
+        of_step = ("step", "episode", "terminated", "truncated")
         own = {each.name: getattr(self, each.name) for each in fields(self)}
         for name in ("other_choices", "other_vetoes"):
             own[name] = own[name] and asdict(own[name])
@@ -170,6 +170,7 @@ class StepAccount:
         return own | {
             "account": self.account.as_dict(),
             **{name: getattr(step, name) for name in of_step},
+            "number": step.number - 1,
             **{name: str(getattr(decision, name)) for name in by},
             "executed": self.name(decision.action),
             "proposed": self.proposed,
@@ -297,7 +298,7 @@ def _candidates(run: Run) -> Iterator[ChosenPlanner]:
     if isinstance(planner, FarSightPlanner):
         planner.visited = run.adaptation.experience
         planner.load_state_dict(*run.saved_agent.part("planner"))
-    learned = "what the newest checkpoint has learned"
+    learned = "the model of the newest checkpoint"
     yield ChosenPlanner(planner, model, settings, learned, seconds=_SECONDS)
 
 
@@ -316,9 +317,9 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
 
 
 def heading(account: StepAccount) -> str:
-    """Return which step it is: `step 1,204, that is step 37 of episode 12, after 14.4 s`."""
+    """Return which step it is: `step 1,204 (step 36 of episode 12, after 14.4 s)`."""
     of, time = account.step, account.time
-    return f"step {of.step:,}, that is step {of.number:,} of episode {of.episode:,}, after {time}"
+    return f"step {of.step:,} (step {of.number - 1:,} of episode {of.episode:,}, after {time})"
 
 
 def who_acted(account: StepAccount) -> list[str]:
@@ -338,8 +339,8 @@ def who_acted(account: StepAccount) -> list[str]:
     )
     if not account.was_planned:
         lines.append(
-            "The learner led, so the planner only checked which actions are safe. What it would "
-            f"have planned was computed with {account.ahead_by}."
+            "The learner led, so the planner only checked which actions are safe. Its plan was "
+            f"computed afterwards with {account.ahead_by}."
         )
     return lines
 
@@ -353,7 +354,7 @@ def what_would_differ(account: StepAccount) -> list[str]:
     if choices is not None:
         lines += lines_of_changes(choices)
         if account.step.decision.vetoed and vetoes is None:
-            lines.append(f"Planned again, {proposed} is not refused: the model was another then.")
+            lines.append(f"{proposed} is not refused now, because the model has changed since.")
         lines.append(f"{choices.searched} Planned again with {account.ahead_by}.")
     return lines
 
@@ -365,7 +366,7 @@ def prediction_line(each: PredictedFluent) -> str:
     if not isinstance(each.observed, bool):
         line += f", error: {percent(each.error)} of a typical change"
     if each.learned is not None:
-        line += f"; {readable(each.learned)} by what the run has learned"
+        line += f"; the learned model predicts {readable(each.learned)}"
     return line + f" (before: {readable(each.before)})"
 
 
@@ -377,20 +378,20 @@ def what_came(account: StepAccount) -> list[str]:
     if predictions and predictions[0].predicted is None:
         lines = ["The file predicts nothing for this action."]
     elif wrong:
-        right = len(predictions) - len(wrong)
-        rest = f"; {plural(right, 'other')} as predicted" if right else ""
-        lines = [f"Not as the file predicts{rest}:", *(f"  {prediction_line(w)}" for w in wrong)]
+        of = f"{len(wrong)} of {plural(len(predictions), 'fluent')}"
+        lines = [f"The file's prediction was wrong for {of}:"]
+        lines += [f"  {prediction_line(each)}" for each in wrong]
     else:
-        lines = ["Every fluent came as the file predicts."]
+        lines = ["Every fluent changed as the file predicts."]
     came = f"The environment gave {readable(step.env_reward)}"
     if step.terminated or step.truncated:
-        came += " and the episode ended" + ("" if step.terminated else ", cut off")
+        came += " and the episode ended" + ("" if step.terminated else " (truncated)")
     lines.append(came + ".")
     if account.domain_reward is None:
         return lines
     expected = account.account.alternatives[step.decision.action].reward
-    predicted = "" if expected is None else f", and {readable(expected)} was predicted"
-    worth = f"By the file what came is worth {readable(account.domain_reward)}{predicted}"
+    predicted = "" if expected is None else f" (predicted: {readable(expected)})"
+    worth = f"The file's reward for this step is {readable(account.domain_reward)}{predicted}"
     lines.append(worth + (":" if account.observed else "."))
     lines += [f"  {line}" for line in lines_of_causes(account.observed)]
     gap = step.env_reward - account.domain_reward

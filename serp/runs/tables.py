@@ -238,8 +238,8 @@ def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     header, *rows = [line.rstrip("\r").split(",") for line in lines[:-1] or lines]
     if tuple(header) != METRICS_COLUMNS:
         raise RunError(
-            f"{path}:1: the columns are not {', '.join(METRICS_COLUMNS)}. Was this file written by "
-            "serp, of this version?"
+            f"{path}:1: the columns are not {', '.join(METRICS_COLUMNS)}. Another version of "
+            "serp, or another program, has written this file."
         )
     hints = get_type_hints(MetricsRow)
     kinds = [hints[field] if hints[field] in _CELLS else float for field in MetricsRow._fields]

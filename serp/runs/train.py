@@ -121,7 +121,9 @@ def stop_between_episodes() -> Iterator[Stopping]:
 def restore(run: Run, trainer: Trainer, before: Budget) -> Budget:
     """Restore the checkpoint, if there is one; return the budget of the run."""
     if "policy" in run.config:
-        raise RunError(f"{run.path} is an exported policy; continue the run that it was made of")
+        raise RunError(
+            f"{run.path} is an exported policy; continue the run that it was exported from"
+        )
     metrics = run.path / METRICS
     # A run without a checkpoint and without an episode was stopped before it began, perhaps before
     # the table had its header.

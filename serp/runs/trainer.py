@@ -113,7 +113,7 @@ class Trainer(Bookkeeping, Closing):
                 ended = self._step(running)
             except (TaskError, LearningFailure, StateError) as error:
                 error.add_note(
-                    f"It happened in env step {self.under_way} of the training, episode "
+                    f"It happened in step {self.under_way - 1} of the training, episode "
                     f"{self.episode + 1}."
                 )
                 raise

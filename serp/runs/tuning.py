@@ -154,7 +154,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     from serp.runs.tuning_space import changes_of
 
     if "vary" not in options:
-        raise SettingsError("tune: say what to `vary`, such as {'planner.depth': '2..7'}")
+        raise SettingsError("tune: give the settings to `vary`, such as {'planner.depth': '2..7'}")
     request = TuneSettings(**options)
     search = _Search(find_task(task), request)
     folder = request.out or default_path(f"tune-{search.name}")
@@ -177,7 +177,7 @@ def tune(task: Task | str, **options: Any) -> Tuned:
     if stopped is not None and len(ended) < request.trials:
         raise Interrupted(
             f"stopped after {len(ended)} of {request.trials} trials, which are in {folder}.\n"
-            f"Go on with the same command and --out {folder}.",
+            f"Continue with the same command and --out {folder}.",
             stopped,
         )
     complete = [trial for trial in ended if trial.value is not None]

@@ -25,7 +25,9 @@ Space = dict[str, d.BaseDistribution]
 def space_of(vary: Mapping[str, Any]) -> Space:
     """Return what is varied; a value is a text as above, or a list of values."""
     if not vary:
-        raise SettingsError("say what to tune, such as learner.learning_rate=log:1e-4..1e-2")
+        raise SettingsError(
+            "give the settings to tune, such as learner.learning_rate=log:1e-4..1e-2"
+        )
     return {name: _distribution(name, values) for name, values in vary.items()}
 
 
@@ -52,7 +54,7 @@ def parameters_of(space: Space, settings: Settings) -> dict[str, Any]:
 
 def _distribution(name: str, given: Any) -> d.BaseDistribution:
     if not isinstance(given, str | list | tuple) or not given:
-        raise SettingsError(f"{name}: say which values: A..B, log:A..B or A,B,..., or a list")
+        raise SettingsError(f"{name}: give the values: A..B, log:A..B or A,B,..., or a list")
     ends = None
     if isinstance(given, str):
         ends = re.fullmatch(r"\s*(log:)?\s*([^,\s]+?)\s*\.\.\s*([^,\s]+?)\s*", given)

@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.did_you_mean import listed
 from serp._util.files import Closing
 from serp._util.numbers import real
 from serp._util.plugins import raised
@@ -63,7 +64,7 @@ class BoundTask(Closing):
         for right, name, allowed in (
             (isinstance(task.name, str | None), "name", "a text"),
             (callable(task.ground), "ground", "a function of an observation"),
-            (callable(task.make_env), "make_env", "a function that returns an environment"),
+            (callable(task.make_env), "make_env", "a function: lambda: gymnasium.make(...)"),
             (functions[0], "planners", "a mapping {name: function}"),
             (functions[1], "learners", "a mapping {name: function}"),
             (task.reward in (None, "domain", "environment"), "reward", "'domain' or 'environment'"),
@@ -183,8 +184,9 @@ class BoundTask(Closing):
         except TaskError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         except Exception as error:
+            keys = f"; info has {listed(info or ()) or 'no keys'}" * isinstance(error, KeyError)
             raise TaskError(
-                f"task {self.name}: the grounding failed on {raw}: {raised(error)}"
+                f"task {self.name}: the grounding failed on {raw}: {raised(error)}{keys}"
             ) from error
 
     def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import re
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint
@@ -52,9 +53,15 @@ def _made_task(name: str) -> Task:
     except SerpError:
         raise
     except Exception as error:
-        raise TaskError(f"{option}: making the task failed: {plugins.raised(error)}") from error
+        from serp.tasks.task import Task
+
+        wrong = re.search(r"Task.*unexpected keyword argument '(\w+)'", str(error))
+        meant = f"; {did_you_mean(wrong[1], Task.__dataclass_fields__)}" if wrong else ""
+        what = f"{plugins.raised(error)}{meant}"
+        raise TaskError(f"{option}: making the task failed: {what}") from error
     if not _is_task(made):
-        raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task")
+        hint = "; is a `return` missing?" if made is None else ""
+        raise TaskError(f"{option}: it returned {type(made).__name__}, not a serp.Task{hint}")
     return made
 
 

@@ -46,7 +46,7 @@ class ActionSpace:
         if self.size > most:
             raise ValueError(
                 f"{space} has {self.size:,} combinations, more than {most:,}; "
-                "offer those that make sense as a Discrete space, through "
+                "offer the useful ones as a Discrete space, with "
                 "gymnasium.wrappers.TransformAction"
             )
 

@@ -50,7 +50,7 @@ class Judge:
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
                 f"training: reward is {self.source}, but the domain of task {task.name} says "
-                "nothing about reward; let an action or event `(increase (reward) ...)`, or set "
+                "nothing about reward; write `(increase (reward) ...)` in an action or event, or set "
                 "training.reward=environment"
             )
 

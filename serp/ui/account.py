@@ -115,14 +115,14 @@ def best_of(account: Explanation, most: int) -> list[Alternative]:
 
 def _print_causes(alternative: Alternative) -> None:
     if lines := lines_of(alternative, most=12):
-        show(f"Behind {alternative.name}:")
+        show(f"Predicted for {alternative.name}:")
     for line in lines:
         show(f"  {line}")
 
 
 def _print_path(planner: ChosenPlanner, account: Explanation, plan: Plan) -> None:
     rows, before = [], tuple(map(float, account.state.values()))
-    for k, step in enumerate(plan.path, 1):
+    for k, step in enumerate(plan.path):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         changes = changes_between(planner.model, before, step.state)
         rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))

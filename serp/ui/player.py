@@ -229,7 +229,7 @@ class Player:
         elif step.carried_out != step.chosen:
             action += f" slips: {step.carried_out} happens instead"
         gain = f"reward {readable(step.reward)}, total {readable(moment.total)}"
-        show(f"step {moment.steps}: {action}; {gain}", style="bold")
+        show(f"step {moment.steps - 1}: {action}; {gain}", style="bold")
         if step.refusal:
             show(f"   {step.refusal}")
         rows = [row for change in step.changes for row in _rows(change)]

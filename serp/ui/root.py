@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 import click
 
 from serp import __version__
-from serp._util.did_you_mean import did_you_mean
+from serp._util.did_you_mean import closest, listed
 from serp._util.terminal import visible
 from serp.errors import Interrupted, Notice, SerpError, with_notes
 from serp.ui.output import examples
@@ -48,7 +48,10 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     except click.ClickException as error:
         with io.StringIO() as shown:
             error.show(shown)
-            say(shown.getvalue().rstrip("\n"))
+            text = shown.getvalue().rstrip("\n").replace("a valid integer range", "a whole number")
+        if "unexpected extra argument" in text:
+            text += "; options name what a command works on, such as --domain NAME"
+        say(text)
         status = error.exit_code
     except (click.Abort, KeyboardInterrupt) as abort:
         stop = abort.__cause__ or abort  # click replaces what it was
@@ -175,7 +178,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that the arguments begin with, or say which one may be meant."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
-            known = did_you_mean(args[0], COMMANDS)
+            close = closest(args[0], COMMANDS)
+            known = f"did you mean `{close}`?" if close else f"there are {listed(COMMANDS, 99)}"
             raise click.UsageError(f"there is no command `{args[0]}`; {known}", ctx)
         return super().resolve_command(ctx, args)
 

@@ -425,7 +425,7 @@ def verdict(
 
 def worths(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[list[str]]:
     """Yield the table of mechanisms, its head first."""
-    yield ["without", "tasks", "seeds", "worse", "better", "not excluded", "speed ×", "verdict"]
+    yield ["without", "worse", "better", "not excluded", "speed ×", "verdict"]
     names = {row["without"] for row in rows}
     for name in (name for name in WITHOUT if name in names):
         found = compare([row for row in rows if row["without"] == name], others)
@@ -433,11 +433,7 @@ def worths(rows: Sequence[Row], others: Sequence[Row]) -> Iterator[list[str]]:
         columns = COMPARED if learns else ("planner", "serp", "training")
         worse, better, least, said = verdict(found, columns)
         speed = float(np.exp(np.mean([np.log(row.speed) for row in found.values()])))
-        tasks, seeds = (
-            ", ".join(task for task, _ in found),
-            min(row.seeds for row in found.values()),
-        )
-        cells = [name, tasks, f"{seeds}", "; ".join(worse) or "–", "; ".join(better) or "–"]
+        cells = [name, "; ".join(worse) or "–", "; ".join(better) or "–"]
         yield [*cells, least, f"{speed:.2f}", said]
 
 

@@ -41,7 +41,7 @@ def test_messages_that_are_explained_are_those_of_the_code():
     page = (ROOT / "docs" / "how-to" / "troubleshooting.md").read_text(encoding="utf-8")
     page = page.partition("## By message")[2]
     quoted = re.findall(r"^\| `+ ?(.+?) ?`+ (?:\(.+\) )?\|", page, re.M)
-    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) > 20
+    assert len(quoted) == len(re.findall(r"^\| .*`.*\|$", page, re.M)) >= 10
     said = "\n".join(
         {
             texts_of(node)

@@ -394,5 +394,5 @@ def _expected(values: Mapping[str, float], decider: Decider, title: str) -> list
         if reason in dangers:
             expected.append(f"  refuses {decider.name(action)} because {dangers[reason]}")
     if not expected:
-        raise SerpError(f"{title}: the planner has no action there, and none is dangerous")
+        raise SerpError(f"{title}: the planner has no action there, and no action is unsafe")
     return expected

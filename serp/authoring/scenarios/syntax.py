@@ -61,7 +61,7 @@ class Bounds:
 class StepOfRun:
     """`like step 12 of RUN`, `like step 3 of episode 2 of RUN`: a situation of a run.
 
-    Steps count as `serp why` counts them; without an episode, over the whole run.
+    Steps count from 0, as in `serp why`; without an episode, over the whole run.
     """
 
     step: int

@@ -148,5 +148,6 @@ def adoption_of(
     elif written == 0.0:
         why = f"the file was right in {plural(steps, 'step')}"
     else:
-        why = f"error {percent(learned / written)} of that of the file in {plural(steps, 'step')}"
+        ratio = percent(learned / written)
+        why = f"learning has {ratio} of the file's error in {plural(steps, 'step')}"
     return FluentAdoption(fluent, residual, counted, steps, why)

@@ -225,7 +225,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     before = None if request.out is None else read_plan(request.out)
     if task is None:
         if before is None:
-            raise RunError("say what to compare on: name a task")
+            raise RunError("no task is given; name one, such as --domain cartpole")
         task = before.task
     with find_task(task).bind() as bound:
         folder = request.out or default_path(f"compare-{bound.name}")
@@ -251,7 +251,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     if stopping.signal is not None and complete + len(failed) < len(jobs):
         raise Interrupted(
             f"stopped with {complete} of {len(jobs)} trials complete in {folder}.\n"
-            f"Go on with the same command and --out {folder}.",
+            f"Continue with the same command and --out {folder}.",
             stopping.signal,
         )
     if failed:

@@ -85,7 +85,7 @@ class TrialsRequest(Section):
             return tuple(range(cls.first_seed, cls.first_seed + count))
         seeds = tuple(value) if isinstance(value, Iterable) else ()
         if not seeds:
-            raise ValueError("must be how many, at least 1, or a list such as [0, 7]")
+            raise ValueError("must be a number of seeds, at least 1, or a list such as [0, 7]")
         return tuple(dict.fromkeys(seeds))
 
     @model_validator(mode="after")
@@ -93,7 +93,7 @@ class TrialsRequest(Section):
         if self.engine != LOCAL:
             find_engine(self.engine)
         elif self.address is not None:
-            raise ValueError("address is for an engine of a cluster, such as engine = 'ray'")
+            raise ValueError("address needs the engine of a cluster, such as engine = 'ray'")
         return self
 
 

@@ -300,7 +300,7 @@ class Results:
             seeds = {len(self.known(name, "training_area")) for name in (first, other)}
             count = plural(min(seeds), "seed")
             if found.low is None or found.high is None:
-                lines.append(f"{count} cannot tell {first} and {other} apart.")
+                lines.append(f"{count}: too few to tell {first} and {other} apart.")
                 continue
             ends = f"difference {readable(found.value)}, 95 % interval {readable(found.low)} to "
             ends += f"{readable(found.high)}, {count} each"

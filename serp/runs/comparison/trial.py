@@ -124,13 +124,13 @@ class Job:
         settings = json.loads(json.dumps(self.settings.as_dict()))
         parts = {
             "settings": run.config["settings"] != settings,
-            "seed": run.made.seed != self.seed,
-            "domain file": copies != [source.text.encode() for source in domain.sources],
+            "seeds": run.made.seed != self.seed,
+            "domain files": copies != [source.text.encode() for source in domain.sources],
         }
         if other := [what for what, differs in parts.items() if differs]:
             raise RunError(
-                f"{self.folder}: the trial of {self.trial} was made with another {other[0]} than "
-                "now. Compare in another folder (--out), or remove that trial."
+                f"{self.folder}: the trial of {self.trial} was made with other {other[0]}. "
+                "Compare in another folder (--out), or remove that trial."
             )
 
 
@@ -187,7 +187,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
             restore(run, trainer, budget)
             if job.protocol.points(trainer.env_steps) & evaluations.due:
                 raise RunError(
-                    f"{job.folder} went on without the evaluations of this comparison, or one of "
+                    f"{job.folder} ran without the evaluations of this comparison, or one of "
                     "them failed. Remove it to run the trial from the beginning."
                 )
             callbacks = Callbacks(after_step, after_episode)
@@ -442,7 +442,7 @@ def read_trial(job: Job) -> Record:
     made = {*evaluations["env_steps"][evaluations["policy"] == "learner"].tolist()}
     if made != (set() if job.algorithm.kind == "planner" else protocol.points(protocol.env_steps)):
         raise RunError(
-            f"{job.folder / EVALUATIONS} has not the evaluations of this comparison. Remove the "
+            f"{job.folder / EVALUATIONS} lacks the evaluations of this comparison. Remove the "
             "folder of this trial to run it again."
         )
     return Record(

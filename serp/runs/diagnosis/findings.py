@@ -213,7 +213,7 @@ class RuleFinding(_OfFluent):
         observed = readable(self.observed)
         if not self.schema:
             if ends:
-                return f"the task ended in {unpredicted}, and no line of the file says so"
+                return f"the task ended in {unpredicted} without a line of the file that ends it"
             return f"{unpredicted} without a predicted reward had a reward of {observed} on average"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"
@@ -225,7 +225,7 @@ class RuleFinding(_OfFluent):
             text += f", reward {readable(self.expected)} on average; it was {observed}"
             text += f", and {self.correct:,} steps were as predicted"
         return text + (
-            f"; it also applied in {unpredicted} unpredicted" if self.unpredicted else ""
+            f"; it also applied in {unpredicted} without a prediction" if self.unpredicted else ""
         )
 
 

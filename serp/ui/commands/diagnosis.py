@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--all", "everything", is_flag=True,
               help="Show all findings, and the errors of each fluent.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw predicted against observed there.")  # fmt: skip
+              help="Draw predicted against observed changes to this file.")  # fmt: skip
 def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN.
 
@@ -101,7 +101,7 @@ def _print_edit(recorded: Run, finding: Finding) -> None:
     from serp.runs.diagnosis.repair import repair
 
     if isinstance(finding, RuleFinding):
-        show("   Rewards and ends define the task: `serp repair` writes a comment.")
+        show("   `serp repair` only writes a comment, because rewards and ends define the task.")
         return
 
     old = recorded.domain.source.text
@@ -171,10 +171,9 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
 def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
-    Numbers are changed where they stand, and missing effects are added, each with its evidence as
-    a comment; everything else stays as it is. What happens by
-    chance becomes `probabilistic`. Rewards, unsafe and ends are never changed: comments say what
-    was observed of them.
+    Numbers are corrected in place, and missing effects are added, each with its evidence as a
+    comment. Random outcomes become `probabilistic`. Rewards, `(unsafe)` and ends are never changed;
+    comments say what was observed. All other text stays the same.
     """
     from serp.runs.diagnosis import repair as repairing
     from serp.runs.diagnosis.analysis import findings
@@ -215,7 +214,7 @@ def _refuse_to_replace(recorded: Run, out: Path, force: bool) -> None:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.path}")
     for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
         if os.path.lexists(file) and not force:
-            raise SerpError(f"{file} exists{what}; give another name, or go on with --force")
+            raise SerpError(f"{file} exists{what}; give another name, or overwrite it with --force")
 
 
 def _write(recorded: Run, text: str, out: Path) -> None:

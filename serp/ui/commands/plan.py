@@ -80,15 +80,14 @@ def plan(
 ) -> None:
     """Show what the planner decides in one state, and why.
 
-    The state is what --state says, the rest of it from the problem file or (with --observe) from
-    the task's environment. With neither, the problem's initial state is taken, or else one that is
-    observed.
+    --state sets fluents. The others come from the problem file or, with --observe, from the task's
+    environment. Without either option the state is the problem's initial state, or else an
+    observed one.
 
-    The planner is the one that a training begins with, with the settings of the task. The picture
-    is one of the lookahead, and says so where the planner sees something else.
+    The planner and its settings are those of a new training of the task. The picture shows the
+    lookahead, and says so where the planner uses another method.
 
-    With RUN, the folder of a training, the decision is that of its planner, with the model that it
-    plans with, whatever that has learned.
+    With RUN, the folder of a training, the planner is that of the run, with its learned model.
     """
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
@@ -175,7 +174,7 @@ def _asked_state(
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
         other = "a problem file with an :init" if task is None else "the environment's: --observe"
         raise SerpError(
-            f"{domain.source.name}: which state? --state gives no value of {listed(missing)}; give "
+            f"{domain.source.name}: the state is incomplete: --state gives no value of {listed(missing)}; give "
             f"these too, or {other}"
         )
     if given and not complete:
@@ -206,6 +205,6 @@ def _planner_of(run: Run, domain: Domain) -> ChosenPlanner:
     agent = run.agent
     model = agent.arbiter.model
     if domain.model.fluents != model.fluents:
-        raise SerpError("--state gives a value to what the problem file of the run fixes")
+        raise SerpError("--state sets a value that the problem file of the run fixes")
     settings, name = agent.settings.planner, "The planner of the run"
     return ChosenPlanner(agent.arbiter.planner, model, settings, name, agent.undisturbed)

@@ -39,8 +39,7 @@ from serp.ui.output import show
 @click.option("--slip", type=float, default=0.0, metavar="P",
               help="Probability that another applicable action happens instead.")  # fmt: skip
 @click.option("--noise", type=float, default=0.0, metavar="S",
-              help="What a step changes a number by is off by this share (standard "
-                   "deviation).")  # fmt: skip
+              help="Relative error of each change of a number (standard deviation).")  # fmt: skip
 @seed_option("Seed of the disturbances.")
 @dt_option
 @setting_option("--planner", "planner.name", metavar="NAME",
@@ -57,8 +56,8 @@ def play(
 ) -> None:
     """Step through the world of a domain file.
 
-    No environment is needed, and no Python. What each step changed is shown, and the line of the
-    file behind it. A line is a command: the number or name of an action; `?` asks the planner, `p`
+    Neither an environment nor Python is needed. Each step shows what changed, and by which line of
+    the file. A line is a command: the number or name of an action; `?` asks the planner, `p`
     lets it act, `u` undoes a step, `h` shows all commands. On a terminal an empty line repeats the
     last one.
 

@@ -36,9 +36,11 @@ if TYPE_CHECKING:
 )
 @run_argument
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
-              help="The step: as in decisions.csv, from 0; with --episode that of the episode, "
-                   "from 1.  [default: the most telling one]")  # fmt: skip
-@click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
+              help="The step of the run, as in decisions.csv, or of the --episode; both count "
+                   "from 0.  [default: the most telling one]")  # fmt: skip
+@click.option(
+    "--episode", type=click.IntRange(min=1), metavar="E", help="The episode; the first is 1."
+)
 @click.option("--evaluation", metavar="NAME",
               help="A step of an evaluation, such as serp-seed0, instead of the training.",
               )  # fmt: skip
@@ -48,10 +50,10 @@ def why(
 ) -> None:
     """Explain a step of RUN, a folder of plan-and-learn.
 
-    Who acted and why; the state; every action with its value, risk and reward, and what of the
-    domain file is behind them; what was predicted and what came; the next best action, and what
-    would have had to differ for it. Without a step, the last refused proposal that was applicable
-    is explained, else the last unsafe step, else the last refused proposal, else the last step.
+    It shows who acted and why, the state, every action with its value, risk and reward, the lines
+    of the domain file behind them, what was predicted and observed, and which change of the state
+    would have led to another action. Without --step it explains the last refused proposal that
+    was applicable, else the last unsafe step, else the last refused proposal, else the last step.
     """
     from serp.runs.oscillation import oscillation
     from serp.runs.run import Run
@@ -81,9 +83,10 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     from serp.runs.step_account import heading, what_came, what_would_differ, who_acted
     from serp.ui.account import print_explanation
 
-    because = f" ({because})" if because else ""
+    because = f": {because}" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
-    show(f"Lines are those of {run.domain.source.name}, the run's copy.", style="dim")
+    file = run.domain.source.name
+    show(f"Steps count from 0, episodes from 1; lines are those of {file} in the run.", style="dim")
     for line in [*who_acted(account), ""]:
         show(line)
     refused = account.proposed if account.step.decision.vetoed else ""
@@ -91,7 +94,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     if account.ahead_by:
         show(f"Later steps were planned again with {account.ahead_by}.")
     else:
-        show("Later steps are unknown: today's model plans otherwise.")
+        show("Later steps are not shown: the model has changed since and plans differently.")
     differences = what_would_differ(account)
     for line in ["", *what_came(account), *([""] if differences else []), *differences]:
         show(line)
@@ -117,11 +120,11 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
 def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Write RUN, a folder of plan-and-learn, as one HTML file.
 
-    A first page, without pictures, is there after a few seconds; the whole one replaces it. The
-    mean returns of further runs are drawn over those of RUN.
+    A first page without pictures is written after a few seconds; the whole page replaces it. The
+    mean returns of further runs are drawn in the chart of RUN.
 
-    It needs nothing else: curves and refusals; and every recorded step with its scene, its state,
-    its alternatives and the lines of the file behind the executed and the refused action.
+    The page shows curves, refusals and every recorded step: its scene, its state, its alternatives
+    and the lines of the file behind the executed and the refused action.
     """
     from serp.runs.run import Run
     from serp.ui.report.report import write_report
@@ -164,7 +167,7 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
         return
     show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
-    show(f"Measured: {result['meaning']}.")
+    show(f"Measured policy: {result['meaning']}.")
     steps = sum(result["lengths"])
     unsafe = f"{plural(result['unsafe_executed'], 'action')} executed that the domain file flags"
     if result["avoidable_unsafe"]:
@@ -193,22 +196,22 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
     """Print what `serp.agent.agent.account_of` and `sight_of` return."""
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
-        told = "in training, the newest episodes counting most: "
+        told = "from the training, newer episodes weighted more: "
         rows.append(("evidence", told + account["evidence"]["sentence"]))
     if sight["safety_alone"] is not None:
         share = {name: percent(share or 0.0) for name, share in sight.items()}
         parts = []
         if sight["saw_all"] is not None:
             parts.append(
-                f"complete lookahead in {share['saw_all']} of its plans, cells in "
-                f"{share['by_cells']}, budget reached in {share['cut_short']}, indifferent in "
+                f"complete in {share['saw_all']} of the plans, with cells in {share['by_cells']}, "
+                f"stopped by a budget in {share['cut_short']}; indifferent in "
                 f"{share['indifferent']}"
             )
             if sight["mean_depth"] is not None:
-                parts[0] += f"; otherwise {readable(sight['mean_depth'])} layers of states"
+                parts[0] += f"; otherwise {readable(sight['mean_depth'])} steps deep"
         if sight["safety_alone"]:
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
-        rows.append(("planner saw", ". ".join(parts)))
+        rows.append(("lookahead", ". ".join(parts)))
     rows.append(("safety", account["safety"]))
     rows.append(("model", account["model"]["sentence"]))
     rows += [

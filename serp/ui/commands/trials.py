@@ -103,10 +103,9 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
     """Compare algorithms on one task, with the same budget and seeds.
 
-    The report says how fast each learns, what it costs and what is left to chance. --set changes
-    all of serp's algorithms that do not set the same themselves. Each trial is a
-    run folder. With the same --out only what is missing is run: more algorithms or seeds, or the
-    rest of what Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
+    --set changes all of serp's algorithms that do not set the same themselves. Each trial is a run
+    folder. With the same --out only missing trials run, and those that Ctrl-C, SIGTERM or SIGHUP
+    stopped (exit status 130, 143, 129) continue.
     """
     from serp.runs.comparison import compare as comparing
 

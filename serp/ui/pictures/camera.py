@@ -37,8 +37,8 @@ class Camera:
             rendered: Any = self._task.env.render()
         except DependencyNotInstalled as error:
             raise self._failure(
-                f"the environment cannot draw: {error} (what serp's own environments need comes "
-                "with pip install 'serp[watch]')"
+                f"the environment cannot draw: {error} (for serp's own environments: "
+                "pip install 'serp[watch]')"
             ) from error
         except (Exception, SystemExit) as error:
             raise self._failure(f"render failed: {type(error).__name__}: {error}") from error

@@ -99,7 +99,7 @@ def film(
             if new := marks_of(agent, step):
                 marks, hold = new, HOLD
             decision, pictures = step.decision, camera.take()
-            facts = [number, f"step {step.number}", f"return {signed(step.episode.return_)}"]
+            facts = [number, f"step {step.number - 1}", f"return {signed(step.episode.return_)}"]
             name = agent.task.actions.name(decision.action)
             for k, picture in enumerate(pictures, 1):
                 seconds, shown = camera.period(len(pictures)), marks if hold > 0.0 else ()
@@ -118,12 +118,12 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     if decision.vetoed:
         name = arbiter.actions.name(decision.proposed)
         why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
-        what = f"Refused in step {step.number}: {name}, proposed by {decision.proposed_by}"
+        what = f"Refused in step {step.number - 1}: {name}, proposed by {decision.proposed_by}"
         marks = (Mark(what, why),)
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         taken = arbiter.alternatives(decision.forecast, step.state)[decision.action]
         what = "Unsafe" if decision.unsafe else "Risky"
-        what = f"{what}, executed in step {step.number}: {taken.name}"
+        what = f"{what}, executed in step {step.number - 1}: {taken.name}"
         marks = (*marks, Mark(what, taken.remark))
     return marks
 

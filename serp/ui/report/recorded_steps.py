@@ -66,9 +66,9 @@ class RecordedSteps:
         return self.columns[name]
 
     def place_of(self, step: int) -> str:
-        """Return `episode 3, step 12`."""
+        """Return `episode 3, step 12`; steps count from 0."""
         episode = next(each for each in self.episodes if step < each.rows.stop)
-        return f"episode {episode.number}, step {step - episode.first + 1}"
+        return f"episode {episode.number}, step {step - episode.first}"
 
 
 def by_interest(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:

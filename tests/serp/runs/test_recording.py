@@ -85,7 +85,7 @@ def test_a_recorded_step_is_the_step(tmp_path, steps):
         read = found.step(k)
         assert same(read.decision, made.decision) and same(read.state, made.state)
         assert (read.episode, read.number) == (episode, made.number)
-        assert found.find(episode, made.number) == k
+        assert found.find(episode, made.number - 1) == k
         assert same(read.next_state, made.next_state)
         for name in ("env_reward", "domain_reward", "terminated", "truncated"):
             assert getattr(read, name) == getattr(made, name)
@@ -212,5 +212,5 @@ def test_a_step_that_is_not_there_is_refused_with_those_that_are(tmp_path, steps
     found = Recording(record(tmp_path / "r", steps))
     with pytest.raises(RunError, match=f"no step {COUNT}: .* steps 0 to {COUNT - 1}"):
         found.step(COUNT)
-    with pytest.raises(RunError, match="episode 1 has no step 99: it has .* counted from 1"):
+    with pytest.raises(RunError, match="episode 1 has no step 99: it has .* counted from 0"):
         found.find(1, 99)

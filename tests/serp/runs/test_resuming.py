@@ -39,7 +39,7 @@ def cut(at, preset="default"):
             train(task, out, preset, episodes=EPISODES)
         assert len((out / "decisions.csv").read_text().splitlines()) == at
         where, note = failure.value.__notes__
-        assert re.search(rf"in env step {at} of the training, episode \d", where)
+        assert re.search(rf"in step {at - 1} of the training, episode \d", where)
         assert f"kept in {out}" in note
         assert f"serp plan-and-learn --resume '{out}'" in note
         assert f"plan_and_learn(task, out={str(out)!r}, resume=True)" in note

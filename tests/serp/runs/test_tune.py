@@ -107,7 +107,7 @@ def test_types_and_values_follow_from_the_settings(name, given, expected):
     [
         ({"vary": {}}, "say what to tune"),
         ({"vary": {"learner.member": "2"}}, "no setting `learner.member`; did you mean `members`"),
-        ({"vary": {"planner.depth": None}}, "planner.depth: say which values: A..B"),
+        ({"vary": {"planner.depth": None}}, "planner.depth: give the values: A..B"),
         ({"vary": {"planner.depth": "0..3"}}, "planner.depth must be greater than or equal to 1"),
         ({"vary": {"planner.depth": "3..3"}}, "its first end is smaller than its second"),
         ({"vary": {"learner.learning_rate": "log:1..0.5"}}, "and on a logarithmic scale above 0"),

@@ -32,10 +32,10 @@ function paint() {
     chosen = refused ? arrays.proposed[now] : arrays.executed[now];
   }
   const time = (k * meta.dt).toFixed(meta.dt < 0.1 ? 2 : 1);
-  say(byId("where"), `Step ${k + 1} of ${episode.steps} · ${time} s · step ${readable(
+  say(byId("where"), `Step ${k} of ${episode.steps - 1} · ${time} s · step ${readable(
     arrays.position[now])} of the run`);
-  run.place(now, `episode ${episode.number}, step ${k + 1}`);
-  inEpisode.place(now, `step ${k + 1} of ${episode.steps}`);
+  run.place(now, `episode ${episode.number}, step ${k}`);
+  inEpisode.place(now, `step ${k} of ${episode.steps - 1}`);
   paintScene(episode, k);
   fluents.paint();
   alternatives.paint();

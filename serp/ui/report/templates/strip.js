@@ -64,8 +64,8 @@ class Strip {
   place(step, text) {
     const share = (step - this.first + 0.5) / this.count;
     this.head.style.transform = `translateX(${share * this.width}px)`;
-    this.box.setAttribute("aria-valuenow", step - this.first + 1);
-    this.box.setAttribute("aria-valuemax", this.count);
+    this.box.setAttribute("aria-valuenow", step - this.first);
+    this.box.setAttribute("aria-valuemax", this.count - 1);
     this.box.setAttribute("aria-valuetext", text);
   }
 }

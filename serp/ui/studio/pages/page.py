@@ -43,7 +43,7 @@ async def show_page(session: Session) -> None:
         ui.label("serp studio").classes("serp-brand")
         state = ui.label().classes("serp-file")
         ui.element("div").classes("serp-space")
-        keys = "Ctrl+S saves · Tab goes on, Esc then Tab leaves the text · ← → move a slider"
+        keys = "Ctrl+S: save · Esc, then Tab: leave the text · ← →: move a slider"
         ui.label(keys).classes("serp-faint serp-keys")
         save = ui.button("Save").props('dense flat no-caps title="Ctrl+S"')
     with ui.splitter(value=45, limits=(20, 80)).classes("serp-main") as splitter:

@@ -34,7 +34,7 @@ COMMANDS = {
     "new": "new robot",
     "plan": "plan --domain walk.pddl --depth 2",
     "play": "play walk.pddl --set planner.name=lookahead",
-    "why": "why RUN --episode 1 --step 2",
+    "why": "why RUN --episode 1 --step 1",
     "evaluate": "evaluate RUN --episodes 3 --seed 4",
     "watch": "watch RUN --episodes 1 --out film.mp4",
     "report": "report RUN --pictures 3 --out page.html",

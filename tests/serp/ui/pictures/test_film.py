@@ -43,7 +43,7 @@ def test_every_veto_is_shown_until_it_can_be_read(agent, tmp_path):
     assert len(vetoed) > 3
     for step in vetoed:
         why = agent.arbiter.explain(step.decision, step.state).removeprefix("left: ")
-        assert Mark(f"Refused in step {step.number}: left, proposed by learner", why) in shown
+        assert Mark(f"Refused in step {step.number - 1}: left, proposed by learner", why) in shown
     for frame in frames:
         corner = frame.image.getpixel((0, frame.image.height - 1))
         assert (corner == RED) == bool(frame.caption.marks)
