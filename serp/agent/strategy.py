@@ -82,6 +82,8 @@ class Lesson(NamedTuple):
 class Situation:
     """What is known of the current state; the planner plans when its forecast is asked for.
 
+    `state` and `admissible` are kept as given.
+
     Args:
         state: The monitored state `[F]`.
         known: The planner's forecast, or one that says only which actions are safe.
@@ -90,7 +92,6 @@ class Situation:
 
     Attributes:
         known: The planner's forecast once it has planned.
-        state, admissible: As given.
     """
 
     def __init__(
