@@ -50,8 +50,8 @@ class Judge:
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
                 f"training: reward is {self.source}, but the domain of task {task.name} says "
-                "nothing about reward; write `(increase (reward) ...)` in an action or event, or set "
-                "training.reward=environment"
+                "nothing about reward; write `(increase (reward) ...)` in an action or event, or "
+                "set training.reward=environment"
             )
 
     def __call__(self, state: Vector, ground: int, next_state: Vector, env_reward: float) -> Judged:

@@ -174,8 +174,8 @@ def _asked_state(
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
         other = "a problem file with an :init" if task is None else "the environment's: --observe"
         raise SerpError(
-            f"{domain.source.name}: the state is incomplete: --state gives no value of {listed(missing)}; give "
-            f"these too, or {other}"
+            f"{domain.source.name}: the state is incomplete: --state gives no value of "
+            f"{listed(missing)}; give these too, or {other}"
         )
     if given and not complete:
         origin += ", changed by --state"
