@@ -130,7 +130,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"an expression of more than {max_chain} operations in a row",
             expression.place,
-            "give a part of it a function of its own",
+            "split it with a function for a part of it",
             code="too-large",
         )
     return expression
