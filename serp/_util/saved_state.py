@@ -217,7 +217,9 @@ def counts_of(names: Iterable[str]) -> Reader:
     def read(saved: Saved, name: str, own: Any) -> Counter[str]:
         counts = saved.part(name)[1]
         if not isinstance(counts, dict) or not counts.keys() <= known.keys():
-            raise saved.wrong(f"{name} is {reprlib.repr(counts)}, not counts by name")
+            raise saved.wrong(
+                f"{name} is {reprlib.repr(counts)}, not a mapping from names to counts"
+            )
         entry = Saved(name, {}, counts)
         return Counter({known[key]: entry.whole(key) for key in counts})
 

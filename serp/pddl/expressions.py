@@ -107,7 +107,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
             group.items[0].place,
-            f"list `{x.MATH_REQUIREMENT}` under :requirements; other tools then refuse the file",
+            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse this",
             code="math-functions",
         )
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])
@@ -130,7 +130,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"an expression of more than {max_chain} operations in a row",
             expression.place,
-            "give a part of it a function of its own",
+            "split it with a function for a part of it",
             code="too-large",
         )
     return expression

@@ -37,8 +37,8 @@ class Grounding:
             signature.bind(None, **dict.fromkeys(self.takes))
         except TypeError as error:
             raise TaskError(
-                f"ground{signature} cannot be called: {error}; let it take the observation, and "
-                "beside it what it needs of `info` and `env`: ground(observation, info, env)"
+                f"ground{signature} cannot be called: {error}; its parameters are the "
+                "observation and, if needed, `info` and `env`: ground(observation, info, env)"
             ) from None
 
     def __call__(

@@ -71,7 +71,9 @@ def _write(
         at, returns = other.metrics["env_steps"], other.metrics["return"]
         if other.domain.name != run.domain.name or not len(returns):
             what = f"{other.domain.name}, {plural(len(returns), 'episode')}"
-            raise RunError(f"{other.path} ({what}) has no curve beside {run.domain.name}'s returns")
+            raise RunError(
+                f"{other.path} ({what}) cannot be drawn with {run.domain.name}'s returns"
+            )
         rows = np.unique(np.linspace(0, len(at) - 1, 500).astype(np.int64))
         curves |= {f"otherAt{k}": at[rows], f"otherMean{k}": moving_mean(returns)[rows]}
     recording = run.recording(evaluation)

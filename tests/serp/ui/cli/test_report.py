@@ -134,7 +134,7 @@ def test_the_first_page_is_whole_and_further_runs_are_drawn_over_it(run, trained
     np.testing.assert_allclose(arrays["otherMean0"], arrays["mean"], rtol=1e-5)
     foreign = train(tmp_path / "hill", "--domain=hill", "--episodes=1", *QUICK)
     told = run("report", str(trained), str(foreign), expect=1).stderr
-    assert "(hill, 1 episode) has no curve beside cartpole's returns" in told
+    assert "(hill, 1 episode) cannot be drawn with cartpole's returns" in told
 
 
 @pytest.fixture(scope="module")
