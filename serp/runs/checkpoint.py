@@ -26,7 +26,7 @@ from safetensors import SafetensorError
 from serp._util.files import as_json, read_regular, write_durably
 from serp.errors import RunError
 
-FORMAT: Final = 16
+FORMAT: Final = 15
 CHECKPOINT: Final = "checkpoint.safetensors"
 """Name of the checkpoint in the folder of a run."""
 _RESTORE: Final = "Restore it from a copy, or train again."

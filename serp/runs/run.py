@@ -218,7 +218,6 @@ class Run(Closing):
     def digests(self) -> dict[str, str]:
         """Return digests of the domain files and of the configuration except the budget."""
         config = {name: value for name, value in self.config.items() if name != "budget"}
-        config["domain_files"] = self.metadata["domain_files"]
         made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
         for file in self.copies():
             made[file.name] = read_regular(file)

@@ -142,7 +142,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     [
         ({"env_steps": 61}, "this comparison has env_steps = 60, not 61"),
         ({"settings": {"learner": {"members": 1}}}, "was made with other settings"),
-        ({"seeds": []}, "seeds must be how many, at least 1"),
+        ({"seeds": []}, "seeds must be a number of seeds, at least 1"),
         ({"seeds": [1, -1]}, "seed"),
         ({"algorithms": 3}, "algorithms must be a list, not 3"),
         ({"threshold": float("nan")}, "threshold must be a finite number"),
@@ -184,7 +184,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["late"]}, SettingsError, "first learns after 61 env steps"),
         ({"baseline": "json:lode"}, TaskError, "--baseline=json:lode: .*did you mean `load`"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
-        ({"address": "a:1"}, SettingsError, "compare.address is for an engine of a cluster"),
+        ({"address": "a:1"}, SettingsError, "compare.address needs the engine of a cluster"),
         ({"task": 3}, TaskError, "not 3"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
         ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
