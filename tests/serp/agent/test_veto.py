@@ -94,14 +94,14 @@ def test_it_is_relied_on_up_to_three_failures_and_one_in_a_thousand_steps():
         assert rare.reliable
 
 
-def test_after_a_failure_actions_have_to_leave_safe_ways_on_beyond_the_lookahead():
+def test_after_an_unsafe_step_actions_have_to_leave_safe_ways_on_beyond_the_lookahead():
     """A car that cannot stop before its ramp ends, and has to merge between two others."""
     task = merging_task().bind()
     actions = ActionMap(task.model, 4)
     arbiter = Arbiter(Lookahead(task.model, PlannerSettings()), actions)
     state, faster = np.array([0.0, 60.0, 20.0, 30.0, 14.0, 5.0, 20.0]), Proposal(2, False)
     assert arbiter.judge_proposal(state, faster).reason is Reason.ACCEPTED
-    arbiter.vetoes.reliability.observe(True, unsafe=True, last=True)
+    arbiter.vetoes.unsafe_steps += 1
     decision = arbiter.judge_proposal(state, faster)
     assert decision.reason is Reason.FEW_WAYS_ON and decision.action == 0
     assert "beyond the lookahead" in arbiter.explain(decision, state)
