@@ -313,8 +313,8 @@ def account_of(agent: Agent) -> dict[str, Any]:
         ``trained_policy``: in words, what the policy `serp` does. ``evidence``: why, from the
         returns of planner and learner; null for strategies that do not go by evidence. ``model``:
         which learned parts the planner's model uses, and why others are not in use. ``safety``: in
-        words, how often the lookahead failed. ``risk``: how well risks were predicted, and what they
-        held back; empty where there was no risk.
+        words, how often the lookahead failed. ``risk``: how well risks were predicted, and what
+        they held back; empty where there was no risk.
     """
     evidence = agent.strategy.evidence
     return {

@@ -92,7 +92,6 @@ class VetoPolicy(Declared):
         refuses: As given.
         reliability: Counts how often the lookahead failed in training.
         allowed_unknown: `[E]` actions that the model does not know and that may be executed.
-        unsafe_steps: Env steps of training that came out unsafe.
         foreseen, unforeseen: Of the steps that were not flagged: the sum of their predicted risks,
             and how many came out unsafe, which agree where the learned risks are calibrated.
         held_back: Env steps of training in which an action that is worth more than the planner's
@@ -103,7 +102,7 @@ class VetoPolicy(Declared):
 
     STATE: ClassVar[Mapping[str, Reader]] = {
         "reliability": part, "held_back": count, "needed_risk": probability,
-        "unsafe_steps": count, "foreseen": within(0.0), "unforeseen": count,
+        "foreseen": within(0.0), "unforeseen": count,
     }  # fmt: skip
 
     def __init__(
@@ -119,18 +118,15 @@ class VetoPolicy(Declared):
         self.refuses = refuses
         self.reliability = LookaheadReliability(horizon)
         self.held_back, self.needed_risk = 0, 0.0
-        self.unsafe_steps, self.foreseen, self.unforeseen = 0, 0.0, 0
+        self.foreseen, self.unforeseen = 0.0, 0
         self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
 
     @property
     def looks_farther(self) -> bool:
-        """Whether actions have to leave ways on beyond the lookahead.
-
-        They have to once something unsafe happened: the lookahead failed, or saw it too late.
-        """
+        """Whether actions have to leave ways on beyond the lookahead: once it has failed."""
         ahead = self._settings.veto_horizon == "lookahead" and self.reliability.reliable
-        return self.refuses and ahead and self.unsafe_steps > 0
+        return self.refuses and ahead and self.reliability.failures > 0
 
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` which actions are not refused."""
@@ -200,7 +196,6 @@ class VetoPolicy(Declared):
         It failed if something unsafe happened that it had predicted to be avoidable.
         """
         decision = step.decision
-        self.unsafe_steps += step.unsafe
         if not decision.unsafe and decision.risk >= 0.0:  # NaN for an unknown action
             self.foreseen += decision.risk
             self.unforeseen += step.unsafe
