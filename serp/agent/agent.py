@@ -312,7 +312,8 @@ def account_of(agent: Agent) -> dict[str, Any]:
         ``trained_policy``: in words, what the policy `serp` does. ``evidence``: why, from the
         returns of planner and learner; null for strategies that do not go by evidence. ``model``:
         which learned parts the planner's model uses, and why others are not in use. ``safety``: in
-        words, how often the lookahead failed, and what risk held back.
+        words, how often the lookahead failed. ``risk``: how well risks were predicted, and what
+        they held back; empty where there was no risk.
     """
     evidence = agent.strategy.evidence
     return {
@@ -320,4 +321,5 @@ def account_of(agent: Agent) -> dict[str, Any]:
         "evidence": None if evidence is None else evidence.as_dict(),
         "model": agent.adaptation.adoption.as_dict(),
         "safety": agent.arbiter.vetoes.account(),
+        "risk": agent.arbiter.vetoes.account_of_risk(),
     }

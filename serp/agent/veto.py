@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from serp._util.saved_state import Declared, Reader, count, part, probability
+from serp._util.saved_state import Declared, Reader, count, part, probability, within
 from serp._util.text import percent, plural
 from serp.agent.decision import Reason
 from serp.agent.protocols import Mask
@@ -92,6 +92,8 @@ class VetoPolicy(Declared):
         refuses: As given.
         reliability: Counts how often the lookahead failed in training.
         allowed_unknown: `[E]` actions that the model does not know and that may be executed.
+        foreseen, unforeseen: Of the steps that were not flagged: the sum of their predicted risks,
+            and how many came out unsafe, which agree where the learned risks are calibrated.
         held_back: Env steps of training in which an action that is worth more than the planner's
             choice was left out because of its risk.
         needed_risk: The least risk that would have had to be accepted for one of these; 0: none.
@@ -100,6 +102,7 @@ class VetoPolicy(Declared):
 
     STATE: ClassVar[Mapping[str, Reader]] = {
         "reliability": part, "held_back": count, "needed_risk": probability,
+        "foreseen": within(0.0), "unforeseen": count,
     }  # fmt: skip
 
     def __init__(
@@ -115,6 +118,7 @@ class VetoPolicy(Declared):
         self.refuses = refuses
         self.reliability = LookaheadReliability(horizon)
         self.held_back, self.needed_risk = 0, 0.0
+        self.foreseen, self.unforeseen = 0.0, 0
         self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
 
@@ -159,7 +163,7 @@ class VetoPolicy(Declared):
         return Reason.UNSAFE_AHEAD
 
     def account(self) -> str:
-        """Return in words how often the lookahead failed, and what risk held back."""
+        """Return in words how often the lookahead failed, and what follows."""
         counted = self.reliability
         share = percent((counted.failures + 1) / (counted.steps + 2))  # Laplace's rule
         text = f"The lookahead failed {counted}; its failure rate is estimated at {share} per step"
@@ -167,10 +171,25 @@ class VetoPolicy(Declared):
             text += ". An action must now leave two safe ways on beyond it"
         elif not counted.reliable:
             text += ". Vetoes now use the next step only"
-        if self.held_back:
-            text += f". In {plural(self.held_back, 'step')} risk excluded a more valuable action; "
-            text += f"planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
         return text
+
+    def account_of_risk(self) -> str:
+        """Return in words how well risks were predicted, and what they held back; "" for nothing.
+
+        Predicted and observed frequencies are compared in the large, over all steps.
+        """
+        parts = []
+        if self.foreseen or self.unforeseen:
+            parts.append(
+                f"Unflagged steps that were unsafe: {self.foreseen:.1f} predicted by the learned "
+                f"risks, {self.unforeseen:,} observed"
+            )
+        if self.held_back:
+            parts.append(
+                f"In {plural(self.held_back, 'step')} risk excluded a more valuable action; "
+                f"planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
+            )
+        return ". ".join(parts)
 
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
@@ -178,6 +197,9 @@ class VetoPolicy(Declared):
         It failed if something unsafe happened that it had predicted to be avoidable.
         """
         decision = step.decision
+        if not decision.unsafe and decision.risk >= 0.0:  # NaN for an unknown action
+            self.foreseen += decision.risk
+            self.unforeseen += step.unsafe
         if needed := held_back(decision.forecast):
             self.needed_risk = min(needed, self.needed_risk or needed)
             self.held_back += 1

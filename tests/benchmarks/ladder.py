@@ -113,6 +113,7 @@ WITHOUT: Final[dict[str, Sequence[str | Replaced]]] = {
     "exploration": [("agent.agent:MIN_VISITS", 0)],
     # Who decides
     "veto-ahead": ["arbiter.veto_horizon=step"],
+    "ways-on": [("agent.veto:VetoPolicy.looks_farther", always(False))],
     "reliability": [("agent.veto:LookaheadReliability.reliable", always(True))],
     "r-min": ["arbiter.r_min=none"],
     "evidence": ["guide.strategy=mixture"],

@@ -233,6 +233,7 @@ public:
             adoptions_ = model_.adoptions();
             file_ = model_.file_step();
         }
+        choose(0);  // another one is left where a step threw
         state_ = state;
         ++number_;
         file_.from(state);

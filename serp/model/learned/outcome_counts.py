@@ -102,12 +102,17 @@ class OutcomeCounts:
 
         `inputs` `[d]` are columns of the feature group in states `[F]`. `whole` `[F]`: whether a
         fluent has always been whole. The end of an episode is counted as one of the outcomes that
-        end it, if there are any.
+        end it, if there are any; that of another action may be the first thing to count.
         """
         if step.over:
-            if self.table is not None:
-                self.samples += 1
-                self.table.count(step, inputs, self.samples - 1)
+            table = self.table
+            if table is None and len(self.places) and not step.predicted(inputs[self.places]):
+                table = self._first_table(inputs, whole)
+            if table is not None:
+                table.count(step, inputs, self.samples)
+                if table.kinds > 1:
+                    self.table = table
+                    self.samples += 1
             return True
         if self._given_up:
             return False
@@ -116,15 +121,13 @@ class OutcomeCounts:
             self._begin(np.sort(np.concatenate((self._predicates, numbers))))
         if not len(self.places):
             return True
-        self.samples += 1
         if self.table is None:
             # While the file is right there is nothing to count.
             if step.predicted(inputs[self.places]):
+                self.samples += 1
                 return True
-            self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
-            self.table = OutcomeTable(self.places, self._context)
-            # All samples so far were as in the file.
-            self.table.start(self.samples - 1)
+            self.table = self._first_table(inputs, whole)
+        self.samples += 1
         if not self.table.count(step, inputs, self.samples - 1):
             self._strays += 1
             if self.samples >= 50 and self._strays > 0.2 * self.samples:
@@ -133,6 +136,13 @@ class OutcomeCounts:
                 self._begin(self._predicates)
                 return False
         return True
+
+    def _first_table(self, inputs: NDArray[np.int64], whole: NDArray[np.bool_]) -> OutcomeTable:
+        """Return a table for the first sample that is not as in the file."""
+        self._context = np.union1d(self._bits, np.flatnonzero(whole[inputs]))
+        table = OutcomeTable(self.places, self._context)
+        table.start(self.samples)
+        return table
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places

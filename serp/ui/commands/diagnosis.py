@@ -130,8 +130,9 @@ def _print_errors(diagnosis: Diagnosis) -> None:
     adoption = diagnosis.recorded.adaptation.adoption
     show(f"\nThe run planned with this model: {adoption}")
     with contextlib.suppress(RunError):  # a run that has not ended has no summary
-        if safety := diagnosis.recorded.summary.get("safety"):
-            show(f"\n{safety}.")
+        for key in ("safety", "risk"):
+            if said := diagnosis.recorded.summary.get(key):
+                show(f"\n{said}.")
     _print_worth(adoption.worth)
 
 

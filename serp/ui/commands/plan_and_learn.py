@@ -128,6 +128,8 @@ def _print_results(run: Run, *, verbose: bool) -> None:
         ("safety", f"{unsafe}{plural(summary['vetoes'], 'proposal')} refused"),
         ("time", duration(summary["wall_time"])),
     ]
+    if (risk := summary["risk"]) and not verbose:
+        rows.insert(-1, ("risk", risk))
     print_table(("", ""), rows)
     if (told := oscillation(run, run.recording())) is not None:
         show(f"\n{told}")

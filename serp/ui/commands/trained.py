@@ -213,6 +213,8 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
         rows.append(("lookahead", ". ".join(parts)))
     rows.append(("safety", account["safety"]))
+    if account["risk"]:
+        rows.append(("risk", account["risk"]))
     rows.append(("model", account["model"]["sentence"]))
     rows += [
         ("", f"{fluent['fluent']} as written: {fluent['why']}")

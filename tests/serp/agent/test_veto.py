@@ -1,6 +1,7 @@
 """Explanations quote the line that is to blame, with the values it reads."""
 
 from itertools import zip_longest
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from hypothesis import strategies as st
 
 from serp.agent.arbiter import Arbiter
 from serp.agent.decision import Reason
-from serp.agent.veto import LookaheadReliability
+from serp.agent.veto import LookaheadReliability, VetoPolicy
 from serp.learning.dqn import Proposal
+from serp.model.flags import APPLICABLE, RISK_SHIFT, RISKY
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from serp.tasks.action_map import ActionMap
@@ -109,3 +111,28 @@ def test_after_a_failure_actions_have_to_leave_safe_ways_on_beyond_the_lookahead
     other = Arbiter(Lookahead(task.model, PlannerSettings()), actions)
     other.load_state_dict(saved)
     assert other.judge_proposal(state, faster).reason is Reason.FEW_WAYS_ON
+
+
+def test_the_account_compares_risks_with_what_came_and_names_the_least_that_would_pass():
+    task = merging_task().bind()
+    arbiter = Arbiter(Lookahead(task.model, PlannerSettings()), ActionMap(task.model, 4))
+    state = np.array([0.0, 60.0, 20.0, 30.0, 14.0, 5.0, 20.0])
+    decision, quarter = arbiter.plan(state), 1 << RISK_SHIFT + 22
+    known = decision.forecast
+    other = known.choice - 1
+    flags, value, risk = known.flags.copy(), known.value.copy(), known.path_risk.copy()
+    flags[other], risk[other] = APPLICABLE | RISKY | quarter, 0.25
+    value[other] = value[known.choice] + 1.0
+    flags[known.choice] |= quarter
+    decision = decision._replace(forecast=known._replace(flags=flags, value=value, path_risk=risk))
+    vetoes = arbiter.vetoes
+    for unsafe in (True, False, False, False):
+        vetoes.observe(SimpleNamespace(decision=decision, unsafe=unsafe, last=True))
+    account = vetoes.account_of_risk()
+    assert account.startswith(
+        "Not flagged and unsafe: 1.0 by the predicted risks, 1 step observed."
+    )
+    assert "In 4 of 4 steps" in account and "accepted_risk from 25 % on" in account
+    saved = VetoPolicy(arbiter.actions, arbiter.settings)
+    saved.load_state_dict(vetoes.state_dict())
+    assert saved.account_of_risk() == account

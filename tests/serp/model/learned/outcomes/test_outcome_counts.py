@@ -144,6 +144,14 @@ def test_who_slips_does_what_the_file_says_of_another_action():
         assert chances(adaptation, state, LEFT) == pytest.approx(expected, abs=0.08)
 
 
+def test_an_end_that_another_action_explains_may_be_the_first_surprise():
+    adaptation, beside = worlds.adaptation(LAKE, seed=3), np.array([0.0, 1.0, 2.0])
+    for step in range(30):
+        slips = step % 3 == 0
+        adaptation.observe(beside, LEFT, moved(beside, DOWN if slips else LEFT), slips)
+    assert chances(adaptation, beside, LEFT)[0.0, *HOLE] == pytest.approx(1 / 3, abs=0.08)
+
+
 def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice():
     adaptation = worlds.adaptation(LAKE, seed=3)
     random = np.random.default_rng(6)
