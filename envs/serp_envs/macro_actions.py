@@ -70,7 +70,8 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
 
     Action k runs the k-th option to its end, or to the end of the episode. A step has the
     observation, terminated, truncated and info of the last step that the option made, and the sum
-    of the rewards of all. Its info has one more entry, `steps`: their number::
+    of the rewards of all. Its info has one more entry, `steps`: their number; and `unsafe` true if
+    the info of any of them has that::
 
         MacroActions(
             gymnasium.make("Pendulum-v1"),
@@ -152,12 +153,13 @@ def run_option(
             f"an option yields controls, but this one returned {running!r}; write "
             "option(controller, steps=...) for a function from the observation to the control"
         )
-    total, steps = 0.0, 0
+    total, steps, unsafe = 0.0, 0, False
     try:
         control = next(running)
         while True:
             observation, reward, terminated, truncated, info = env.step(control)
             total, steps = total + float(reward), steps + 1
+            unsafe = unsafe or bool(info.get("unsafe"))
             control = running.send(observation)
             if terminated or truncated:
                 break
@@ -166,4 +168,5 @@ def run_option(
             return None
     finally:
         running.close()
-    return observation, total, terminated, truncated, {**info, "steps": steps}
+    damage = {"unsafe": True} if unsafe else {}
+    return observation, total, terminated, truncated, {**info, **damage, "steps": steps}

@@ -7,6 +7,7 @@ import functools
 import importlib.util
 import inspect
 import itertools
+import math
 import os
 import re
 import sys
@@ -29,7 +30,7 @@ from serp._util.numbers import real
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
 from serp.tasks.registry import attribute_of, import_file, task_like
-from serp.tasks.spaces import ActionSpace, Observations
+from serp.tasks.spaces import ActionSpace, Observations, is_text
 
 MOST: Final = 64
 """Most actions, and most numbers of an observation, that a file is filled in with."""
@@ -64,7 +65,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     endings = (".pddl", "-problem.pddl" if env is None else ".py", ".scenarios")
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
-        raise TaskError(f"{' and '.join(existing)}: this file exists already; nothing is written")
+        raise TaskError(f"{', '.join(existing)} already there; nothing is written")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]
@@ -100,7 +101,11 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
     if colon:
         make = _of_file(f"--env {name}", Path(f"{file}.py"), attribute)
         imports, call = f"from {file} import {attribute}\n", f"{attribute}("
-        options = "**options" if "render_mode" in inspect.signature(make).parameters else ""
+        taken = inspect.signature(make).parameters.values()
+        pictures = any(
+            each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in taken
+        )
+        options = "**options" if pictures else ""
     else:
         if str(Path().resolve()) not in sys.path:
             sys.path.append(str(Path().resolve()))  # for `module:ID`
@@ -115,7 +120,7 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
         if isinstance(error, gym.error.UnregisteredEnv):
             advice = (
                 "; an ID that a package registers is written with that package, such as "
-                "highway_env:highway-fast-v0, and an environment of your own FILE.py:CLASS"
+                "highway_env:highway-fast-v0, and one of your own FILE.py:CLASS or FILE.py:FUNCTION"
             )
         raise TaskError(f"--env {name}: {_message(error)}{advice}") from error
     if not isinstance(env, gym.Env):
@@ -183,7 +188,8 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
         )
     if observations.size == 0:
         raise TaskError(f"{called}: an observation has no numbers")
-    every = _numbers(env.observation_space, "observation", "observation")
+    pictures: list[str] = []
+    every = _numbers(env.observation_space, "observation", "observation", pictures)
     fields = list(itertools.islice(every, MOST + 1))
     if len(fields) > MOST:
         raise TaskError(
@@ -205,6 +211,9 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
     used = set()
     titles = numbered(documentation, "Observation Space", len(fields))
     numbers = [_entry(used, title, *field) for title, field in zip(titles, fields, strict=True)]
+    # What a picture shows is for the user to say; a name shows where.
+    numbers += [Entry(_name_of("seen", "seen", used), "0.0", f"compute it from {picture}")
+                for picture in pictures]  # fmt: skip
     period = None
     with contextlib.suppress(Exception):  # it may be a property of the environment
         period = real(getattr(env.unwrapped, "dt", None))
@@ -243,21 +252,27 @@ def _action_names(env: gym.Env[Any, Any], count: int) -> list[str]:
     return []
 
 
-def _numbers(space: Any, expression: str, name: str) -> Iterator[tuple[str, str, str]]:
-    """Yield name, expression in Python, and bounds of each number of an observation."""
+def _numbers(
+    space: Any, expression: str, name: str, pictures: list[str]
+) -> Iterator[tuple[str, str, str]]:
+    """Yield name, expression in Python, and bounds of each number of an observation.
+
+    Parts with too many numbers, such as pictures, are added to `pictures` instead.
+    """
     if isinstance(space, spaces.Dict):
         for key, part in space.spaces.items():
             if not isinstance(key, str):
                 raise TaskError(f"the observation has a part {key!r}; name its parts with strings")
             inner = key if name == "observation" else f"{name} {key}"
-            yield from _numbers(part, f"{expression}[{key!r}]", inner)
+            yield from _numbers(part, f"{expression}[{key!r}]", inner, pictures)
     elif isinstance(space, spaces.Tuple):
         for k, part in enumerate(space.spaces):
-            yield from _numbers(part, f"{expression}[{k}]", f"{name}-{k}")
+            yield from _numbers(part, f"{expression}[{k}]", f"{name}-{k}", pictures)
     elif isinstance(space, spaces.Discrete):
         yield name, expression, f"{space.start} to {space.start + space.n - 1}"
-    elif not isinstance(space, spaces.Text):
-        shape = tuple(space.shape or ())
+    elif math.prod(shape := tuple(space.shape or ())) > MOST:
+        pictures.append(remark(expression))
+    elif not is_text(space):
         for place in itertools.product(*map(range, shape)):
             at = f"[{', '.join(map(str, place))}]" if place else ""
             low, high = 0.0, 1.0

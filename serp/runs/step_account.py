@@ -387,6 +387,10 @@ def what_came(account: StepAccount) -> list[str]:
     if step.terminated or step.truncated:
         came += " and the episode ended" + ("" if step.terminated else " (truncated)")
     lines.append(came + ".")
+    if step.unsafe:
+        flagged = any(cause.what == "unsafe" for cause in account.observed)
+        by = "" if flagged else ": the environment reported this, no line of the file flags it"
+        lines.append(f"The step came out unsafe{by}.")
     if account.domain_reward is None:
         return lines
     expected = account.account.alternatives[step.decision.action].reward

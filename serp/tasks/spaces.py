@@ -69,7 +69,10 @@ class ActionSpace:
 
 
 class Observations:
-    """The observations of a space, as flat vectors of length `size`; else a ValueError."""
+    """The observations of a space, as flat vectors of length `size`; else a ValueError.
+
+    Texts are left out.
+    """
 
     def __init__(self, space: Any) -> None:
         sizes = {path: _flat_size(leaf) for path, leaf in _leaf_spaces(space, "")}
@@ -110,6 +113,11 @@ class Observations:
         raise IndexError(index)
 
 
+def is_text(space: Any) -> bool:
+    """Return whether the members of a space are texts."""
+    return getattr(getattr(space, "dtype", None), "kind", "") == "U"
+
+
 def _flat_size(leaf: Any) -> int | None:
     """Return how many numbers a part has when it is flattened; None where it cannot be."""
     try:
@@ -148,7 +156,8 @@ def _below(space: Any, path: str) -> list[tuple[Any, str, Any]] | None:
 def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
     below = _below(space, path)
     if below is None:
-        yield path, space
+        if not is_text(space):
+            yield path, space
         return
     for _, place, part in below:
         yield from _leaf_spaces(part, place)
@@ -158,7 +167,8 @@ def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
     """Yield path, space and value of every part that is not composite."""
     below = _below(space, path)
     if below is None:
-        yield path, space, raw
+        if not is_text(space):
+            yield path, space, raw
         return
     kind = Mapping if isinstance(space, spaces.Dict) else Sequence
     if not isinstance(raw, kind) or isinstance(raw, str) or len(raw) != len(below):

@@ -132,3 +132,19 @@ def test_a_sub_task_begins_where_its_option_ends_and_ends_with_a_step_to_where_i
     never = SubTask(whole, until=fast, begin=option(along, steps=40))
     with pytest.raises(gymnasium.error.Error, match="100 episodes in a row ended in the option"):
         never.reset(seed=0)
+
+
+def test_damage_on_the_way_is_not_forgotten():
+    class Bumps(gymnasium.Wrapper):
+        steps = 0
+
+        def step(self, action):
+            self.steps += 1
+            *answer, info = super().step(action)
+            return *answer, {**info, "unsafe": self.steps == 2}
+
+    env = MacroActions(
+        Bumps(gymnasium.make("Pendulum-v1")), {"on": option(lambda seen: [0.0], steps=3)}
+    )
+    env.reset(seed=0)
+    assert [env.step(0)[-1]["unsafe"] for _ in range(2)] == [True, False]

@@ -147,21 +147,23 @@ def _look(
     if file is not None and asked is None:
         with contextlib.suppress(TaskError):  # the package that offers it fails
             task = task_of(domain, file)
-    summary += _summary(domain if task is None else task.load())
     if task is None:
+        summary += _summary(domain)
         return
     from serp.authoring.lint.task_ranges import out_of_range
     from serp.pddl.source import DomainWarning
 
     try:
         with task.bind() as bound:
+            summary += _summary(bound.domain)
             yield from out_of_range(bound)
     except SerpError as error:
         if asked is not None:
             raise
+        summary += _summary(task.load())
         yield DomainWarning(str(error), code="task-mismatch")
         return
-    summary.append(f"task {task.name}: environment, grounding and actions fit together")
+    summary.append(f"task {bound.name}: environment, grounding and actions fit together")
 
 
 def _summary(domain: Domain) -> Iterator[str]:

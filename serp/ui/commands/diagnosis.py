@@ -79,6 +79,8 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     if (told := oscillation(recorded, recorded.recording())) is not None:
         show(f"\n{told}")
     remarks = diagnosis.remarks if everything else diagnosis.remarks[:_FIRST]
+    if len(diagnosis.remarks) > 1:
+        show("\nFindings are fitted together; take all of their edits or none.")
     for number, remark in enumerate(remarks, 1):
         show(f"\n{number}. {remark.text}.")
         names = " and ".join(f"({name})" for name in sorted(remark.finding.symbols))

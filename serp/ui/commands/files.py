@@ -22,7 +22,7 @@ from serp.ui.root import say
     "serp new my-robot --env my_env.py:Robot",
 )
 @click.argument("name", type=click.Path(path_type=Path))
-@click.option("--env", metavar="ID|FILE.py:CLASS",
+@click.option("--env", metavar="ID|FILE.py:CLASS|FILE.py:FUNCTION",
               help="A Gymnasium environment: ID, PACKAGE:ID or a class of yours.")  # fmt: skip
 def new(name: Path, env: str | None) -> None:
     """Write the first files of the task NAME; none is overwritten.

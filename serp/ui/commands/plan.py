@@ -165,6 +165,8 @@ def _asked_state(
             raw, info = bound.reset(seed)
             base = grounded.model.values(bound.ground(raw, info, bound.env))
         origin = f"observed after a reset with seed {seed}"
+    elif seed and task is not None:
+        raise SerpError("--seed is that of a reset; give --observe, too, for the state after one")
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"

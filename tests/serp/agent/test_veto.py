@@ -129,10 +129,8 @@ def test_the_account_compares_risks_with_what_came_and_names_the_least_that_woul
     for unsafe in (True, False, False, False):
         vetoes.observe(SimpleNamespace(decision=decision, unsafe=unsafe, last=True))
     account = vetoes.account_of_risk()
-    assert account.startswith(
-        "Not flagged and unsafe: 1.0 by the predicted risks, 1 step observed."
-    )
-    assert "In 4 of 4 steps" in account and "accepted_risk from 25 % on" in account
+    assert "unsafe: 1.0 predicted by the learned risks, 1 observed." in account
+    assert "In 4 steps" in account and "accepted_risk of 25 % or more" in account
     saved = VetoPolicy(arbiter.actions, arbiter.settings)
     saved.load_state_dict(vetoes.state_dict())
     assert saved.account_of_risk() == account

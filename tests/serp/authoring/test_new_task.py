@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from gymnasium import spaces
@@ -12,6 +13,7 @@ from serp.authoring.scaffold import describe, new_task
 from serp.errors import TaskError
 from serp.model.domain import load_domain
 from serp.tasks.registry import custom_task
+from serp.tasks.spaces import Observations
 from serp.ui.root import serp
 
 OWN = '''
@@ -77,7 +79,7 @@ def test_what_an_environment_documents_names_actions_and_fluents(folder, env, ac
     ("space", "value", "says"),
     [
         ("action_space", spaces.Box(-1, 1), r"Box.*serp_envs\.MacroActions"),
-        ("observation_space", spaces.Box(0, 1, (50, 50, 3)), r"has more than 64 numbers, too many"),
+        ("observation_space", spaces.Tuple([spaces.Box(0, 1, (50,))] * 2), r"more than 64 numbers"),
         (
             "observation_space",
             spaces.Dict({"seen": spaces.Sequence(spaces.Discrete(3)), "to": spaces.Box(0, 1)}),
@@ -90,6 +92,18 @@ def test_spaces_without_names_for_all_are_refused(space, value, says):
     setattr(env, space, value)
     with pytest.raises(TaskError, match=says):
         describe(env, "env")
+
+
+def test_texts_and_pictures_are_no_fluents():
+    env = gym.make("CartPole-v1").unwrapped
+    parts = {"at": spaces.Discrete(4), "said": spaces.Text(9), "image": spaces.Box(0, 1, (9, 9, 3))}
+    env.observation_space = spaces.Dict(parts)
+    _, numbers, _ = describe(env, "env")
+    assert [entry.name for entry in numbers] == ["at", "seen"]
+    assert numbers[1].comment == "compute it from observation['image']"
+    flat = Observations(env.observation_space)
+    read = flat.read({"at": 1, "said": "hello", "image": np.ones((9, 9, 3), np.float32)})
+    assert flat.size == len(read) == 4 + 243 and flat.name(3) == "entry 3 of `at`"
 
 
 def test_an_environment_of_ones_own_fits_at_once(folder):
@@ -121,7 +135,7 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
     assert all(cause.what != "unsafe" for cause in played.brought)
     text = written[0].read_text()
     for name, env, said in (
-        ("rail", None, "rail.scenarios: there is such a file already"),
+        ("rail", None, "rail.scenarios already there"),
         ("Rail", None, "small letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),
