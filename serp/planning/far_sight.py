@@ -203,8 +203,10 @@ class FarSightPlanner:
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)
-        if forecast is not None:  # else costs make the graph's edge attractive: the way is followed
-            self.goal_search.forget()
+        if forecast is None or (self.model.ground.goal is not None and not self.graph.ends(state)):
+            self.graph.clear()  # costs or the discount hide the goal from it: the way is followed
+            return None
+        self.goal_search.forget()
         return forecast
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:

@@ -38,6 +38,10 @@ _EVENT: Final = 2.0**-20
 _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
 _NO_CHANGE: Final = Linear({}, Fraction(0))
+_KINDS: Final = (2, 0, 1)
+"""The searches, see `WaySearch`, in their order."""
+_SHORTER: Final = 2
+"""After a search found a way, the others do so many times as much work for a shorter one."""
 _LEVELS: Final = 2
 """Sums that are added to sums that are added to sums of conditions are followed so far."""
 
@@ -297,8 +301,8 @@ class GoalSearch:
             numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
             binary = numeric <= set(inert.tolist())
             self._trees = [
-                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, greedy)
-                for greedy in (False, True)
+                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, kind)
+                for kind in _KINDS
             ]
             for state, limit in self._calls:
                 self._search(self._trees, state, limit)
@@ -307,17 +311,19 @@ class GoalSearch:
     def _search(
         self, trees: Sequence[WaySearch], state: Vector, limit: int
     ) -> tuple[int, Vector | None]:
-        followed = 0
+        followed, best = 0, None
         try:
-            for tree in trees:
-                steps, way = tree.search(state, max(1, limit // len(trees)))
+            for tree in tuple(trees):
+                steps, way = tree.search(state, max(1, limit // len(_KINDS)))
                 followed += steps
-                if way is not None:
-                    self._found = True
-                    return followed, way
+                if way is not None and (best is None or len(way) < len(best)):
+                    best, self._trees = way, [tree]
+                    limit = min(limit, _SHORTER * len(_KINDS) * steps)
         except MemoryError:  # no way was found
             self.forget()
-        return followed, None
+            best = None
+        self._found = best is not None
+        return followed, best
 
     @property
     def least(self) -> float:
