@@ -401,6 +401,9 @@ class WaySearch:
     @property
     def least(self) -> float: ...
 
+    @property
+    def fresh(self) -> bool: ...
+
 NORM_EPSILON: float = 9.999999747378752e-06
 
 class Layer:
