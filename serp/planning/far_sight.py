@@ -184,7 +184,7 @@ class FarSightPlanner:
         if forecast is None and self.goal_search.least < least:  # that earns the next search
             self._price, self._since, self._wait = limit, 0, 0
         elif forecast is None:
-            self._price, self._wait = limit, _PATIENCE * self._since
+            self._price, self._wait = limit, _PATIENCE * max(1, self._wait)
         else:
             self._price, self._since, self._wait = edges, 0, 0
         return forecast
