@@ -30,11 +30,13 @@ _MOST_SAVED: Final = 200_000
 """Most steps that are saved."""
 _SMALL_GRAPH: Final = 20_000
 """Most edges of a closed graph at the first attempt."""
-_PATIENCE: Final = 16
+_PATIENCE: Final = 4
 """After a search that found no way, the next one comes after so many times as many decisions, with
 so many times as many edges."""
 _ATTEMPTS: Final = 4
 """So many times as much work is done before a way that may lead elsewhere is followed."""
+_FAR: Final = 100
+"""After so many decisions toward a state that is only nearer to the goal, the search goes on."""
 _GROWN: Final = 1.1
 """The cells are found again when so many times as many states were visited."""
 
@@ -94,7 +96,7 @@ class FarSightPlanner:
             self._earn()
         self._checked = None
         forecast = self._forecast_by_graph(state)
-        if forecast is None and self.goal_search.toward(state) < 0 and self._may_search(state):
+        if forecast is None and self._is_astray(state) and self._may_search(state):
             forecast = self._search(state)
         if forecast is not None:
             return forecast
@@ -141,6 +143,11 @@ class FarSightPlanner:
         with self._lookahead.prefetch(unknown):
             yield
 
+    def _is_astray(self, state: Vector) -> bool:
+        """Return whether no known way leads on, or the goal was not seen for many decisions."""
+        search = self.goal_search
+        return search.toward(state) < 0 or (self._since >= _FAR and search.least > 0.0)
+
     def _may_search(self, state: Vector) -> bool:
         """Return whether a search is due: between numbers that are not whole most find nothing."""
         if not self._symbolic(state):
@@ -177,7 +184,7 @@ class FarSightPlanner:
         if forecast is None and self.goal_search.least < least:  # that earns the next search
             self._price, self._since, self._wait = limit, 0, 0
         elif forecast is None:
-            self._price, self._wait = limit, _PATIENCE * self._since
+            self._price, self._wait = limit, _PATIENCE * max(1, self._wait)
         else:
             self._price, self._since, self._wait = edges, 0, 0
         return forecast
@@ -203,8 +210,10 @@ class FarSightPlanner:
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)
-        if forecast is not None:  # else costs make the graph's edge attractive: the way is followed
-            self.goal_search.forget()
+        if forecast is None or (self.model.ground.goal is not None and not self.graph.ends(state)):
+            self.graph.clear()  # costs or the discount hide the goal from it: the way is followed
+            return None
+        self.goal_search.forget()
         return forecast
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:

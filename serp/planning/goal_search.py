@@ -1,12 +1,15 @@
 """The search for a way to the goal where not everything that can be reached can be followed.
 
-Two searches share the work, because neither solves what the other does. In one, those states come
+Three searches share the work, because none solves what the others do. In one, those states come
 first that have new values, or pairs of values, among the states that lack as many conditions of the
-goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in the other those of the least
-relaxed cost. In both, every other state is one that a helpful action leads to, one that begins a
-relaxed plan (Hoffmann & Nebel, JAIR 2001). A search that has found no way leads to the state of the
-least relaxed cost, and goes on from there with the states that it knows. States from which even the
-relaxed goal is out of reach are dead ends, and no way leads there.
+goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in another those of the least
+relaxed cost. The third goes by the cost of the relaxed plan of the state before, and evaluates a
+state only when its turn comes (lazy greedy search: Richter & Westphal, "The LAMA planner", JAIR
+2010). In all, every other state is one that a helpful action leads to, one that begins a relaxed
+plan (Hoffmann & Nebel, JAIR 2001); the lazy search takes many of these after each progress. The
+shortest of the ways that are found is taken. Searches that have found no way lead to the state of
+the least relaxed cost, and go on from there with the states that they know. States from which even
+the relaxed goal is out of reach are dead ends, and no way leads there.
 
 The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
 facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
@@ -38,6 +41,8 @@ _EVENT: Final = 2.0**-20
 _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
 _NO_CHANGE: Final = Linear({}, Fraction(0))
+_KINDS: Final = (2, 0, 1)
+"""The searches, see `WaySearch`, in their order."""
 _LEVELS: Final = 2
 """Sums that are added to sums that are added to sums of conditions are followed so far."""
 
@@ -281,6 +286,8 @@ class GoalSearch:
             trees = self._grown()
         self._calls.append((state.copy(), limit))
         self.steps, way = self._search(trees, state, limit)
+        if all(tree.fresh for tree in trees):
+            del self._calls[:-1]
         return way
 
     def toward(self, state: Vector) -> int:
@@ -297,8 +304,8 @@ class GoalSearch:
             numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
             binary = numeric <= set(inert.tolist())
             self._trees = [
-                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, greedy)
-                for greedy in (False, True)
+                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, kind)
+                for kind in _KINDS
             ]
             for state, limit in self._calls:
                 self._search(self._trees, state, limit)
@@ -307,17 +314,18 @@ class GoalSearch:
     def _search(
         self, trees: Sequence[WaySearch], state: Vector, limit: int
     ) -> tuple[int, Vector | None]:
-        followed = 0
+        followed, best = 0, None
         try:
-            for tree in trees:
-                steps, way = tree.search(state, max(1, limit // len(trees)))
+            for tree in tuple(trees):
+                steps, way = tree.search(state, max(1, limit // len(_KINDS)))
                 followed += steps
-                if way is not None:
-                    self._found = True
-                    return followed, way
+                if way is not None and (best is None or len(way) < len(best)):
+                    best, self._trees = way, [tree]
         except MemoryError:  # no way was found
             self.forget()
-        return followed, None
+            best = None
+        self._found = best is not None
+        return followed, best
 
     @property
     def least(self) -> float:

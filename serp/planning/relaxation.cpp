@@ -85,7 +85,8 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
 RelaxedCosts::RelaxedCosts(const Relaxation& relaxation)
     : relaxation_(relaxation), cost_(relaxation.facts_), passed_(relaxation.facts_),
       gap_(relaxation.constant_.size()), queue_(relaxation.facts_ + 1),
-      queued_(relaxation.facts_), sums_(relaxation.needs_.size()), by_(relaxation.facts_) {}
+      queued_(relaxation.facts_), sums_(relaxation.needs_.size()), by_(relaxation.facts_),
+      paid_(relaxation.needs_.size()) {}
 
 void RelaxedCosts::push(int fact) {
     if (queued_[fact]) return;
@@ -178,23 +179,48 @@ RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
     return found;
 }
 
-void RelaxedCosts::mark_helpful(std::vector<std::uint8_t>& actions) {
-    const auto take = [this](const auto& facts) {  // each fact once
-        for (const int fact : facts)
-            if (by_[fact] >= 0) plan_.push_back(fact);
+bool RelaxedCosts::holds(int fact, const double* state) const {
+    const int base = 2 * relaxation_.fluents_;
+    if (fact < base) return (state[fact / 2] != 0.0) == (fact % 2 != 0);
+    double total = relaxation_.constant_[fact - base];
+    for (const auto& [fluent, factor] : relaxation_.terms_[fact - base])
+        total += factor * state[fluent];
+    return total > 0.0 || (total == 0.0 && !relaxation_.strict_[fact - base]);
+}
+
+int RelaxedCosts::lacking(const double* state) const {
+    int least = relaxation_.facts_;
+    for (std::size_t way = 0; way < relaxation_.ways_.size(); ++way) {
+        const auto facts = relaxation_.ways_[way];
+        least = std::min(least, static_cast<int>(std::count_if(
+            facts.begin(), facts.end(), [&](int fact) { return !holds(fact, state); })));
+    }
+    return least;
+}
+
+double RelaxedCosts::relaxed_plan(std::vector<std::uint8_t>& actions) {
+    const auto take = [this](const auto& needed) {  // each fact once
+        for (const int fact : needed)
+            if (by_[fact] >= 0) open_.push_back(fact);
     };
-    plan_.clear();
-    if (relaxation_.ways_.size() == 0) return;
+    open_.clear(), its_operators_.clear();
+    if (relaxation_.ways_.size() == 0) return 0.0;
     take(relaxation_.ways_[cheapest_]);
-    while (!plan_.empty()) {
-        const int fact = plan_.back(), its_operator = by_[fact];
-        plan_.pop_back();
+    double total = 0.0;
+    while (!open_.empty()) {
+        const int fact = open_.back(), its_operator = by_[fact];
+        open_.pop_back();
         if (its_operator < 0) continue;
         by_[fact] = -1;
+        its_operators_.push_back(its_operator);
+        const double more = cost_[fact] - sums_[its_operator] - paid_[its_operator];
+        if (more > 0.0) paid_[its_operator] += more, total += more;
         if (sums_[its_operator] <= 0.0 && relaxation_.action_[its_operator] >= 0)
             actions[relaxation_.action_[its_operator]] = 1;
         take(relaxation_.needed_[its_operator]);
     }
+    for (const int its_operator : its_operators_) paid_[its_operator] = 0.0;
+    return total;
 }
 
 // For Python ---------------------------------------------------------------------------------------

@@ -94,9 +94,17 @@ public:
     /// Returns how many costs of operators the newest estimate updated.
     std::int64_t updates() const { return updates_; }
 
+    /// Returns whether a fact holds in a state [F].
+    bool holds(int fact, const double* state) const;
+
+    /// Returns the least number of facts of a way that do not hold in a state [F].
+    int lacking(const double* state) const;
+
     /// Marks the helpful actions of the state that was estimated last: those of the relaxed plan, by
-    /// the cheapest operator for each fact, that need no other one (Hoffmann & Nebel, 2001).
-    void mark_helpful(std::vector<std::uint8_t>& actions);
+    /// the cheapest operator for each fact, that need no other one (Hoffmann & Nebel, 2001). Returns
+    /// the cost of the plan, where each operator counts as often as the fact needs it that needs it
+    /// most.
+    double relaxed_plan(std::vector<std::uint8_t>& actions);
 
 private:
     double gain_of(const Relaxation::Addition& addition) const;
@@ -113,7 +121,9 @@ private:
     std::vector<int> missing_;     ///< of each operator: facts that are unreachable
     std::vector<double> sums_;     ///< of each operator: costs of the others
     std::vector<int> by_;          ///< of each fact: the operator that makes it true at its cost
-    std::vector<int> plan_;        ///< scratch: facts of a relaxed plan
+    std::vector<int> open_;        ///< scratch: facts of a relaxed plan
+    std::vector<double> paid_;     ///< of each operator: its cost in a relaxed plan
+    std::vector<int> its_operators_;  ///< scratch: operators of a relaxed plan
     std::int64_t updates_ = 0;
     std::size_t cheapest_ = 0;     ///< the way of the least cost
     std::size_t start_ = 0, end_ = 0;  ///< of the ring

@@ -11,8 +11,9 @@ constexpr double TINY = 1e-9;
 /// Precision of the values of states: value iteration ends where none changed by more than this
 /// fraction of the largest.
 constexpr double EXACT = 1e-9;
-/// Most sweeps of value iteration, and of each of its parts.
-constexpr int SWEEPS = 3'000;
+/// Most sweeps of value iteration, and of each of its parts; fewer where these would follow more than
+/// so many outcomes, which takes about a second.
+constexpr int SWEEPS = 3'000, OUTCOMES_FOLLOWED = 60'000'000;
 /// Most sweeps over the best edges after a sweep over all edges.
 constexpr int EVALUATIONS = 10;
 /// Most policies whose risks are bounded node by node; then none may risk more than the least.
@@ -199,7 +200,7 @@ private:
             });
             if (graph_.risk[node] <= ALIKE) graph_.risk[node] = 0.0;
         });
-        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+        for (int sweep = 0; sweep < sweeps_; ++sweep) {
             bool changed = false;
             for_each_node(graph_, sweep % 2 == 0, [&](int node) {
                 if (is_leaf(node) || graph_.risk[node] == 0.0) return;
@@ -227,7 +228,7 @@ private:
     /// Sweeps over a column until no entry of an expanded node with edges changes.
     template <class Function>
     void iterate(std::vector<double>& column, Function entry) {
-        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+        for (int sweep = 0; sweep < sweeps_; ++sweep) {
             double change = 0.0;
             for_each_node(graph_, sweep % 2 == 0, [&](int node) {
                 if (is_leaf(node)) return;
@@ -274,7 +275,7 @@ private:
     void find_values() {
         const double discount = preferences_.discount;
         double largest = 0.0;
-        for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+        for (int sweep = 0; sweep < sweeps_; ++sweep) {
             double change = 0.0;
             largest = 0.0;
             const auto update = [&](int node, double value) {
@@ -332,6 +333,7 @@ private:
 
     Graph& graph_;
     const Preferences preferences_;
+    const int sweeps_ = std::min(SWEEPS, OUTCOMES_FOLLOWED / std::max(1, graph_.outcomes()));
     std::vector<std::uint8_t> allowed_;  ///< [E] whether the best policy may take an edge
 };
 

@@ -127,14 +127,14 @@ def roads(random, places):
     return load_texts(Texts(domain, problem)).model
 
 
-@pytest.mark.parametrize("greedy", [False, True])
-def test_a_way_begins_where_the_world_is_though_it_was_there_before(greedy):
+@pytest.mark.parametrize("kind", range(3))
+def test_a_way_begins_where_the_world_is_though_it_was_there_before(kind):
     """What the tree knew of its first root does not count when that is the root again."""
     for seed in range(120):
         random = Random(seed)
         model = roads(random, random.randint(6, 14))
         relaxation = relaxed(model.ground, model.theta.tolist())
-        search = WaySearch(model.core, relaxation, np.zeros(0, np.int64), True, 0.0, greedy)
+        search = WaySearch(model.core, relaxation, np.zeros(0, np.int64), True, 0.0, kind)
         state = model.initial_state
         for _ in range(40):
             _, way = search.search(state, random.randint(1, 6))
@@ -154,7 +154,7 @@ def test_a_search_keeps_model_and_relaxation_as_long_as_it_lives():
     core, relaxation = model.core, relaxed(model.ground, model.theta.tolist())
     before = [sys.getrefcount(kept) for kept in (core, relaxation)]
     inert = np.zeros(0, np.int64)
-    search = WaySearch(core, relaxation, inert, False, 0.0, True)
+    search = WaySearch(core, relaxation, inert, False, 0.0, 1)
     assert [sys.getrefcount(kept) for kept in (core, relaxation)] == [n + 1 for n in before]
     del search
     assert [sys.getrefcount(kept) for kept in (core, relaxation)] == before
@@ -233,15 +233,17 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
     with pytest.raises(ValueError, match="2 numbers"):
         Relaxation(**sound).estimate(np.zeros(3))
     core, tables = boat(9.0).core, relaxed(boat(9.0).ground, boat(9.0).theta.tolist())
-    for relaxation, inert, state in (
-        (Relaxation(**sound), [], np.zeros(4)),
-        (tables, [], np.zeros(3)),
-        (tables, [4], np.zeros(4)),
-        (tables, [-1], np.zeros(4)),
-        (Relaxation(4, [], [([], 1.0, [], 9)], []), [], np.zeros(4)),
+    for relaxation, inert, kind, state in (
+        (Relaxation(**sound), [], 0, np.zeros(4)),
+        (tables, [], 0, np.zeros(3)),
+        (tables, [4], 0, np.zeros(4)),
+        (tables, [-1], 0, np.zeros(4)),
+        (tables, [], 3, np.zeros(4)),
+        (tables, [], -1, np.zeros(4)),
+        (Relaxation(4, [], [([], 1.0, [], 9)], []), [], 0, np.zeros(4)),
     ):
-        with pytest.raises(ValueError, match=r"fluent|action|numbers"):
-            search = WaySearch(core, relaxation, np.array(inert, np.int64), False, 0.0, False)
+        with pytest.raises(ValueError, match=r"fluent|action|numbers|search"):
+            search = WaySearch(core, relaxation, np.array(inert, np.int64), False, 0.0, kind)
             search.search(state, 10)
 
 
