@@ -28,8 +28,8 @@ Binding = Mapping[str, str]
 Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
-MAX_GROUND_SCHEMAS = 50_000
-FLUENTS_EACH = 4
+MAX_GROUND_SCHEMAS = 200_000
+FLUENTS_EACH = 1
 BINDINGS_EACH = 20
 """Most fluents, and bindings that are tried, for each ground schema that there may be."""
 
@@ -83,7 +83,8 @@ class Facts:
             names = {d.name for d in declared if d.numeric and d.name not in stated | self.changed}
         else:
             names = set(domain.declarations) - (stated - self.changed)
-        self.varying = frozenset(names | {x.REWARD, x.UNSAFE, x.TERMINAL})
+        names |= {d.name for d in declared if d.is_flag or d.name == x.REWARD}
+        self.varying = frozenset(names)
         self.free = {tuple(name.split()) for name in supplied or ()}
 
     def varies(self, key: Key) -> bool:
@@ -167,12 +168,12 @@ def _too_large(problem: str, place: Place) -> DomainError:
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
     """Return the object that a term stands for."""
-    return binding[term.name] if term.is_variable else term.name
+    return binding.get(term.name, term.name)
 
 
 def key_of(name: str, arguments: tuple[x.SchemaTerm, ...], binding: Binding) -> Key:
     """Return a ground predicate or function."""
-    return (name, *(bound(term, binding) for term in arguments))
+    return (name, *[binding.get(term.name, term.name) for term in arguments])
 
 
 def conjuncts(condition: x.Condition) -> Iterator[x.Condition]:
@@ -197,6 +198,7 @@ class _Rule:
         schema: The schema.
         atoms: Predicates that have to hold and do not vary freely; they are joined.
         rest: Other conditions, which may become possible while others become free.
+        members: Parameter → the objects that it may be.
         seen: The arguments of all instances met.
         instances: Those that can apply.
     """
@@ -204,6 +206,7 @@ class _Rule:
     schema: x.Schema
     atoms: tuple[x.Atom, ...]
     rest: tuple[x.Condition, ...]
+    members: Mapping[str, Collection[str]]
     seen: set[Key] = field(default_factory=set)
     instances: list[Key] = field(default_factory=list)
 
@@ -265,7 +268,8 @@ class _Reachability:
                     atoms.append(part)
             elif not isinstance(part, x.NumericComparison):
                 rest.append(part)
-        return _Rule(schema, tuple(atoms), tuple(rest))
+        members = {p.name: self.facts.objects_of(p.types) for p in schema.parameters}
+        return _Rule(schema, tuple(atoms), tuple(rest), members)
 
     # Joining -----------------------------------------------------------------------------------
 
@@ -302,21 +306,20 @@ class _Reachability:
                 if extended is not None:
                     self._join(rule, extended, others)
             return
-        for parameter in rule.schema.parameters:
-            if parameter.name not in binding:
-                for name in self.facts.objects_of(parameter.types):
+        for parameter, members in rule.members.items():
+            if parameter not in binding:
+                for name in members:
                     self.facts.count_binding(rule.schema.place)
-                    self._join(rule, {**binding, parameter.name: name}, ())
+                    self._join(rule, {**binding, parameter: name}, ())
                 return
-        arguments = tuple(binding[p.name] for p in rule.schema.parameters)
-        instance = (rule.schema.name, *arguments)
+        instance = (rule.schema.name, *[binding[parameter] for parameter in rule.members])
         if instance not in rule.seen:
             rule.seen.add(instance)
             self._try(_Item(rule.rest, rule.schema.effects, binding, rule))
 
     def _candidates(self, atom: x.Atom, binding: Binding) -> Sequence[Key]:
         """Return a superset of the facts that match the atom under the binding so far."""
-        pattern = [binding.get(t.name) if t.is_variable else t.name for t in atom.arguments]
+        pattern = [binding.get(t.name, None if t.is_variable else t.name) for t in atom.arguments]
         return min(
             (
                 self.index.get((atom.name, i, name), ())
@@ -331,14 +334,11 @@ class _Reachability:
         """Return the binding that unifies an atom with a fact; None where there is none."""
         extended = dict(binding)
         for term, name in zip(atom.arguments, fact[1:], strict=True):
-            meant = extended.setdefault(term.name, name) if term.is_variable else term.name
-            if meant != name:
+            meant = extended.get(term.name)
+            if meant is None and name in rule.members.get(term.name, (term.name,)):
+                extended[term.name] = name
+            elif meant != name:
                 return None
-        if len(extended) > len(binding):
-            for parameter in rule.schema.parameters:
-                chosen = extended.get(parameter.name)
-                if chosen is not None and chosen not in self.facts.objects_of(parameter.types):
-                    return None
         return extended
 
     # Applying ----------------------------------------------------------------------------------
@@ -361,7 +361,7 @@ class _Reachability:
             return
         if item.rule is not None:
             self.facts.count_instance(item.rule.schema)
-            arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
+            arguments = [item.binding[parameter] for parameter in item.rule.members]
             item.rule.instances.append((item.rule.schema.name, *arguments))
         if not self.settled:
             self._apply(item.effects, item.binding)

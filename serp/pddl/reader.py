@@ -17,11 +17,11 @@ SECTIONS = frozenset(
         *(":domain", ":objects", ":init", ":goal", ":metric"),
     )
 )
-_FIELDS = frozenset((":parameters", ":precondition", ":effect"))
+_FIELDS = frozenset((":parameters", ":vars", ":precondition", ":effect"))
 _HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
 _OPENING = re.compile(r"[({[][ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 _TOKEN = re.compile(
-    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[]*"
+    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[?]*"
     r"|(;)[^\r\n]*|(//|#)[^\r\n]*|([^ \t\r\n\f\v])",
     re.IGNORECASE,
 )
@@ -108,7 +108,11 @@ def _tokens(source: Source) -> Iterator[Word]:
     for match in _TOKEN.finditer(source.text):
         kind = match.lastindex
         if kind is None:
-            yield Word(match[0].lower(), Place(source, *match.span()))
+            word = Word(match[0].lower(), Place(source, *match.span()))
+            if word.text[0] == "?" and source.text[match.start() - 1] not in " \t\r\n\f\v()":
+                text = f"`{word.text}` stands behind a word without a space, which other tools may "
+                word.place.warn(f"{text}not separate", write=f" {word.place.text}")
+            yield word
         elif kind == 2:
             with source.recovering():
                 raise DomainError(

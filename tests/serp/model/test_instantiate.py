@@ -31,7 +31,7 @@ def with_objects(domain, count, init=""):
             "(:predicates (p ?a ?b ?c ?d ?e)) (:action go"
             " :effect (forall (?a ?b ?c ?d ?e) (p ?a ?b ?c ?d ?e)))",
             "",
-            "more than 8000 fluents",
+            "more than 2000 fluents",
             "use fewer objects",
         ),
         (  # all of them are ruled out, but only by the last parameter

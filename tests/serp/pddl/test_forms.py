@@ -12,6 +12,9 @@ PROBLEM = text("car-problem")
 # fmt: off
 FORMS = {
     "no blank after the dash": ("boat - vehicle", "boat -vehicle", "read as `- vehicle`"),
+    "no blank before a variable": ("(linked ?x ?y)", "(linked?x ?y)", "`?x` stands behind a word"),
+    "variables of PDDL 1.2": ("(?x - boat ?y - lake)", "(?x - boat) :vars (?y - lake)",
+        "`:vars` is read as more parameters"),
     "nor before number": (") (fuel ?x - boat)", ") (fuel ?x - boat) -number", "`- number`"),
     "a type twice": ("boat - vehicle", "boat - vehicle boat - object", "type `boat` is declared"),
     "a constant twice": ("here there", "here here there", "object `here` is declared twice"),
