@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import gc
@@ -107,9 +108,9 @@ class Domain:
         """
         symbol, *arguments = name.split() or [""]
         declaration = self.syntax.declarations.get(symbol)
-        if declaration is None or len(arguments) != len(declaration.parameters):
+        if declaration is None or declaration.reserved or symbol in self.syntax.derived:
             return None
-        if symbol == x.REWARD or declaration.is_flag or symbol in self.syntax.derived:
+        if len(arguments) != len(declaration.parameters):
             return None
         problem = self.problem_syntax
         objects = problem.objects if problem is not None else self.syntax.constants
@@ -162,9 +163,10 @@ def load_domain(
     if problem_file is None:
         sibling = problem_beside(Path(domain_file))
         problem_file = sibling if sibling.is_file() else None
-    collecting = gc.isenabled()
-    gc.disable()  # a large file is millions of objects, and none is garbage
-    try:
+    with contextlib.ExitStack() as afterwards:
+        if gc.isenabled():  # a large file is millions of objects, and none is garbage
+            gc.disable()
+            afterwards.callback(gc.enable)
         domain = Domain.parse(
             source,
             Source.read(problem_file) if problem_file is not None else None,
@@ -172,7 +174,4 @@ def load_domain(
             max_ground_schemas=max_ground_schemas,
         )
         domain.model  # noqa: B018  (instantiated now, so that every error is raised here)
-    finally:
-        if collecting:
-            gc.enable()
     return domain

@@ -139,8 +139,6 @@ def instantiate(
     try:
         return _Instantiation(facts, problem).run()
     except RecursionError:
-        if not domain.axioms:
-            raise
         raise _derived_too_often(domain.axioms[0].name, domain.axioms[0].place) from None
 
 
@@ -175,14 +173,13 @@ class _Instantiation:
         self.axioms: dict[str, list[x.Axiom]] = {}
         for axiom in facts.domain.axioms:
             self.axioms.setdefault(axiom.name, []).append(axiom)
-        self.by_chance = {
-            schema.name
-            for schema in facts.domain.schemas
-            if any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects))
-        }
+        parts = ((s.name, part) for s in self.domain.schemas for part in x.nodes_in(s.effects))
+        self.by_chance = {name for name, part in parts if isinstance(part, x.Chance)}
         self.derived: dict[Key, g.Test] = {}
         self.deriving: dict[Key, set[Key]] = {}
         """Derived atoms that are being expanded → atoms that were cut off within."""
+        self.quantified: dict[object, g.Test] = {}
+        self.universal: dict[object, _Effects] = {}
         self.expansions = 0
         self.sizes: dict[int, tuple[g.Test, int]] = {}
         self.left_out: dict[Key, list[str]] = {}
@@ -228,7 +225,7 @@ class _Instantiation:
             free.setdefault(key[0], []).append(key)
         for declaration in self.domain.declarations.values():
             name = declaration.name
-            if name == x.REWARD or declaration.is_flag or name in self.axioms:
+            if declaration.reserved or name in self.axioms:
                 continue
             keys: Iterable[Key] = self.facts.in_order(free.get(name, ()))
             if name in self.facts.varying:
@@ -379,9 +376,15 @@ class _Instantiation:
             case x.Connective(operator, operands, place):
                 return self._connective(operator, operands, place, binding)
             case x.Quantified(operator, parameters, body, place):
+                occurrence = self.facts.occurrence(condition, binding)
+                if occurrence in self.quantified:
+                    return self.quantified[occurrence]
                 bindings = self.facts.quantify(parameters, binding, place)
                 tests = (self._test(body, inner) for inner in bindings)
-                return _join(tests, place, conjunction=operator == "forall")
+                joined = _join(tests, place, conjunction=operator == "forall")
+                if not self.deriving:  # else an atom may have been cut off
+                    self.quantified[occurrence] = joined
+                return joined
 
     def _derive(self, key: Key, place: Place) -> g.Test:
         """Return the condition that a derived atom stands for.
@@ -456,8 +459,17 @@ class _Instantiation:
                     if joined != g.Constant(False):
                         yield from self._effects(inner, binding, joined, role)
                 case x.ForallEffect(parameters, inner, place):
-                    for extended in self.facts.quantify(parameters, binding, place):
-                        yield from self._effects(inner, extended, condition, role)
+                    occurrence = condition is _TRUE and self.facts.occurrence(effect, binding)
+                    effects_of_all = self.universal.get(occurrence)
+                    if effects_of_all is None:
+                        effects_of_all = tuple(
+                            ground
+                            for extended in self.facts.quantify(parameters, binding, place)
+                            for ground in self._effects(inner, extended, condition, role)
+                        )
+                        if occurrence:
+                            self.universal[occurrence] = effects_of_all
+                    yield from effects_of_all
 
     def _outcomes(
         self, effects: tuple[x.Effect, ...], binding: Binding, condition: g.Test, role: str

@@ -29,9 +29,8 @@ Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
 MAX_GROUND_SCHEMAS = 200_000
-FLUENTS_EACH = 1
 BINDINGS_EACH = 20
-"""Most fluents, and bindings that are tried, for each ground schema that there may be."""
+"""Most bindings that are tried for each ground schema that there may be."""
 
 
 class Facts:
@@ -75,6 +74,7 @@ class Facts:
             self.true = {key_of(a.name, a.arguments, {}) for a in problem.true_atoms}
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
         self._members: dict[Sequence[str], Collection[str]] = {}
+        self._names: dict[int, tuple[str, ...]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
         self.changed = x.changed_names(domain.schemas)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
@@ -83,7 +83,7 @@ class Facts:
             names = {d.name for d in declared if d.numeric and d.name not in stated | self.changed}
         else:
             names = set(domain.declarations) - (stated - self.changed)
-        names |= {d.name for d in declared if d.is_flag or d.name == x.REWARD}
+        names |= {d.name for d in declared if d.reserved}
         self.varying = frozenset(names)
         self.free = {tuple(name.split()) for name in supplied or ()}
 
@@ -129,6 +129,15 @@ class Facts:
             self.count_binding(place)
             yield {**binding, **dict(zip(names, chosen, strict=True))}
 
+    def occurrence(self, part: object, binding: Binding) -> tuple[object, ...]:
+        """Return what is equal where a part of the file means the same under two bindings."""
+        names = self._names.get(id(part))
+        if names is None:
+            terms = (node for node in x.nodes_in(part) if isinstance(node, x.SchemaTerm))
+            names = tuple({term.name: None for term in terms if term.is_variable})
+            self._names[id(part)] = names
+        return (id(part), *[binding.get(name) for name in names])
+
     # Limits -------------------------------------------------------------------------------------
 
     def count_binding(self, place: Place) -> None:
@@ -150,8 +159,8 @@ class Facts:
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
-        if count > (limit := FLUENTS_EACH * self.most):
-            problem = f"the domain has more than {limit} fluents over these objects"
+        if count > self.most:
+            problem = f"the domain has more than {self.most} fluents over these objects"
             raise _too_large(problem, declaration.place)
 
 
@@ -235,6 +244,8 @@ class _Reachability:
         self.index: dict[tuple[str, int, str], list[Key]] = {}
         self.watched: dict[Key, list[_Item]] = {}
         self.barred: list[_Item] = []
+        self.applied: set[object] = set()
+        self.certain: set[object] = set()
         self.freed: deque[Key] = deque()
 
     def run(self) -> dict[str, list[Binding]]:
@@ -260,16 +271,12 @@ class _Reachability:
         }
 
     def _rule(self, schema: x.Schema) -> _Rule:
-        atoms: list[x.Atom] = []
-        rest: list[x.Condition] = []
-        for part in conjuncts(schema.precondition):
-            if isinstance(part, x.Atom):
-                if part.name not in self.facts.varying | self.facts.domain.derived:
-                    atoms.append(part)
-            elif not isinstance(part, x.NumericComparison):
-                rest.append(part)
+        parts = [*conjuncts(schema.precondition)]
+        anyhow = self.facts.varying | self.facts.domain.derived
+        atoms = tuple(p for p in parts if isinstance(p, x.Atom) and p.name not in anyhow)
+        rest = tuple(p for p in parts if not isinstance(p, x.Atom | x.NumericComparison))
         members = {p.name: self.facts.objects_of(p.types) for p in schema.parameters}
-        return _Rule(schema, tuple(atoms), tuple(rest), members)
+        return _Rule(schema, atoms, rest, members)
 
     # Joining -----------------------------------------------------------------------------------
 
@@ -368,6 +375,11 @@ class _Reachability:
 
     def _apply(self, effects: tuple[x.Effect, ...], binding: Binding) -> None:
         for effect in effects:
+            if isinstance(effect, x.When | x.ForallEffect):  # other instances may share it
+                occurrence = self.facts.occurrence(effect, binding)
+                if occurrence in self.applied:
+                    continue
+                self.applied.add(occurrence)
             match effect:
                 case x.SetPredicate(atom, value):
                     key = key_of(atom.name, atom.arguments, binding)
@@ -415,9 +427,15 @@ class _Reachability:
                 parts = (self._possible(c, binding, wanted) for c in operands)
                 return all(parts) if (operator == "and") == wanted else any(parts)
             case x.Quantified(operator, parameters, body, place):
+                occurrence = wanted, self.facts.occurrence(condition, binding)
+                if occurrence in self.certain:
+                    return True
                 bindings = self.facts.quantify(parameters, binding, place)
                 parts = (self._possible(body, inner, wanted) for inner in bindings)
-                return all(parts) if (operator == "forall") == wanted else any(parts)
+                possible = all(parts) if (operator == "forall") == wanted else any(parts)
+                if possible:  # from then on
+                    self.certain.add(occurrence)
+                return possible
 
 
 def _places(key: Key) -> Iterator[tuple[str, int, str]]:

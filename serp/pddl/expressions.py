@@ -383,7 +383,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "change what its `:derived` conditions read",
             code="wrong-kind",
         )
-    if declaration.is_flag and not value:
+    if declaration.reserved and not value:
         raise DomainError(
             f"`({declaration.name})` can only be made true",
             place,

@@ -217,7 +217,7 @@ def _axioms(groups: Sequence[Group], scope: Scope) -> tuple[x.Axiom, ...]:
             head = expect_group(group.items[1], "a predicate with its parameters")
             declaration = declared_as(head, scope, numeric=False)
             parameters = parse_parameters(head.items[1:], dict(scope.parents))
-            if len(parameters) != len(declaration.parameters) or declaration.is_flag:
+            if len(parameters) != len(declaration.parameters) or declaration.reserved:
                 problem = f"`{head.place.text}` is no predicate that can be derived"
                 advice = f"it is declared as {declaration.place.text}"
                 raise DomainError(problem, head.place, advice, code="wrong-arguments")
@@ -495,7 +495,7 @@ def _fact(item: Group, scope: Scope) -> x.Atom:
     if fact.name in scope.derived:
         problem = f"`{fact.name}` is derived, so :init cannot state it"
         raise DomainError(problem, item.place, code="wrong-kind")
-    if scope.declarations[fact.name].is_flag:
+    if scope.declarations[fact.name].reserved:
         problem = f"`({fact.name})` starts false in every step"
         raise DomainError(problem, item.place, code="reserved-name")
     return fact

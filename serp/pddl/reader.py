@@ -108,11 +108,7 @@ def _tokens(source: Source) -> Iterator[Word]:
     for match in _TOKEN.finditer(source.text):
         kind = match.lastindex
         if kind is None:
-            word = Word(match[0].lower(), Place(source, *match.span()))
-            if word.text[0] == "?" and source.text[match.start() - 1] not in " \t\r\n\f\v()":
-                text = f"`{word.text}` stands behind a word without a space, which other tools may "
-                word.place.warn(f"{text}not separate", write=f" {word.place.text}")
-            yield word
+            yield Word(match[0].lower(), Place(source, *match.span()))
         elif kind == 2:
             with source.recovering():
                 raise DomainError(

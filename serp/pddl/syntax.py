@@ -271,9 +271,9 @@ class Declaration:
     place: Place
 
     @property
-    def is_flag(self) -> bool:
-        """Whether it is `(unsafe)` or `(terminal)`; with parameters it is any predicate."""
-        return self.name in (UNSAFE, TERMINAL) and not self.parameters
+    def reserved(self) -> bool:
+        """Whether it is `(reward)`, `(unsafe)` or `(terminal)`; no name is with parameters."""
+        return self.name in (REWARD, UNSAFE, TERMINAL) and not self.parameters
 
 
 @dataclass(frozen=True, slots=True)
