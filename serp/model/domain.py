@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
+import gc
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -106,8 +108,9 @@ class Domain:
         """
         symbol, *arguments = name.split() or [""]
         declaration = self.syntax.declarations.get(symbol)
-        reserved = symbol in {x.REWARD, x.UNSAFE, x.TERMINAL, *self.syntax.derived}
-        if declaration is None or reserved or len(arguments) != len(declaration.parameters):
+        if declaration is None or declaration.reserved or symbol in self.syntax.derived:
+            return None
+        if len(arguments) != len(declaration.parameters):
             return None
         problem = self.problem_syntax
         objects = problem.objects if problem is not None else self.syntax.constants
@@ -150,7 +153,7 @@ def load_domain(
             `<name>.pddl` is taken if it exists.
         observed: Whether states come from an environment. Otherwise they start from the problem's
             `:init`, and the model contains what can be reached from there.
-        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
+        max_ground_schemas: Most ground actions, processes and events together; None: 200,000.
 
     Raises:
         DomainError: A file is missing, malformed, or uses what is not supported; the message
@@ -160,11 +163,15 @@ def load_domain(
     if problem_file is None:
         sibling = problem_beside(Path(domain_file))
         problem_file = sibling if sibling.is_file() else None
-    domain = Domain.parse(
-        source,
-        Source.read(problem_file) if problem_file is not None else None,
-        observed=observed,
-        max_ground_schemas=max_ground_schemas,
-    )
-    domain.model  # noqa: B018  (instantiated now, so that every error in the files is raised here)
+    with contextlib.ExitStack() as afterwards:
+        if gc.isenabled():  # a large file is millions of objects, and none is garbage
+            gc.disable()
+            afterwards.callback(gc.enable)
+        domain = Domain.parse(
+            source,
+            Source.read(problem_file) if problem_file is not None else None,
+            observed=observed,
+            max_ground_schemas=max_ground_schemas,
+        )
+        domain.model  # noqa: B018  (instantiated now, so that every error is raised here)
     return domain

@@ -113,7 +113,7 @@ def _number(fraction: Fraction) -> float:
         return math.inf
 
 
-_FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
+_FLAGS: dict[Key, int] = {(x.UNSAFE,): g.UNSAFE_TARGET, (x.TERMINAL,): g.TERMINAL_TARGET}
 _TRUE = g.Constant(True)
 
 
@@ -132,11 +132,20 @@ def instantiate(
         supplied: None where all states can be reached from the problem's `:init`. Otherwise states
             are observed and any state is possible; the names are those of fluents that are observed
             although `:init` states them and no effect changes them.
-        max_ground_schemas: Most ground actions, processes and events together. The limit is four
-            times as high for fluents, and 20 times as high for bindings that are tried.
+        max_ground_schemas: Most ground actions, processes and events together, and most fluents.
+            The limit is 20 times as high for bindings that are tried.
     """
     facts = Facts(domain, problem, supplied, max_ground_schemas)
-    return _Instantiation(facts, problem).run()
+    try:
+        return _Instantiation(facts, problem).run()
+    except RecursionError:
+        raise _derived_too_often(domain.axioms[0].name, domain.axioms[0].place) from None
+
+
+def _derived_too_often(name: str, place: Place) -> DomainError:
+    problem = f"`{name}` is derived in too many ways over these objects"
+    advice = "use fewer objects, or events that set a predicate"
+    return DomainError(problem, place, advice, code="too-large")
 
 
 class _MissingValue(DomainError):
@@ -164,9 +173,13 @@ class _Instantiation:
         self.axioms: dict[str, list[x.Axiom]] = {}
         for axiom in facts.domain.axioms:
             self.axioms.setdefault(axiom.name, []).append(axiom)
+        parts = ((s.name, part) for s in self.domain.schemas for part in x.nodes_in(s.effects))
+        self.by_chance = {name for name, part in parts if isinstance(part, x.Chance)}
         self.derived: dict[Key, g.Test] = {}
         self.deriving: dict[Key, set[Key]] = {}
         """Derived atoms that are being expanded → atoms that were cut off within."""
+        self.quantified: dict[object, g.Test] = {}
+        self.universal: dict[object, _Effects] = {}
         self.expansions = 0
         self.sizes: dict[int, tuple[g.Test, int]] = {}
         self.left_out: dict[Key, list[str]] = {}
@@ -212,7 +225,7 @@ class _Instantiation:
             free.setdefault(key[0], []).append(key)
         for declaration in self.domain.declarations.values():
             name = declaration.name
-            if name in (x.REWARD, x.UNSAFE, x.TERMINAL) or name in self.axioms:
+            if declaration.reserved or name in self.axioms:
                 continue
             keys: Iterable[Key] = self.facts.in_order(free.get(name, ()))
             if name in self.facts.varying:
@@ -255,7 +268,7 @@ class _Instantiation:
         return tuple(initial)
 
     def _static_values(self) -> dict[str, float]:
-        stated = dict.fromkeys(self.facts.true, 1.0)
+        stated = dict.fromkeys(sorted(self.facts.true), 1.0)
         stated.update((key, number.value) for key, number in self.facts.values.items())
         return {" ".join(key): value for key, value in stated.items() if key not in self.index}
 
@@ -291,7 +304,7 @@ class _Instantiation:
         if isinstance(test, g.All):
             preconditions = test.operands
         role = "rate" if schema.kind is x.Kind.PROCESS else "effect"
-        if any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects)):
+        if schema.name in self.by_chance:
             first, *others = self._outcomes(schema.effects, binding, _TRUE, role)
             effects = first.effects
         else:
@@ -343,9 +356,9 @@ class _Instantiation:
     def _test(self, condition: x.Condition, binding: Binding) -> g.Test:
         match condition:
             case x.Atom(name, arguments, place):
-                if name in _FLAGS:
-                    return g.Holds(_FLAGS[name], place)
                 key = key_of(name, arguments, binding)
+                if key in _FLAGS:
+                    return g.Holds(_FLAGS[key], place)
                 if name in self.axioms:
                     return self._derive(key, place)
                 if key in self.index:
@@ -363,9 +376,15 @@ class _Instantiation:
             case x.Connective(operator, operands, place):
                 return self._connective(operator, operands, place, binding)
             case x.Quantified(operator, parameters, body, place):
+                occurrence = self.facts.occurrence(condition, binding)
+                if occurrence in self.quantified:
+                    return self.quantified[occurrence]
                 bindings = self.facts.quantify(parameters, binding, place)
                 tests = (self._test(body, inner) for inner in bindings)
-                return _join(tests, place, conjunction=operator == "forall")
+                joined = _join(tests, place, conjunction=operator == "forall")
+                if not self.deriving:  # else an atom may have been cut off
+                    self.quantified[occurrence] = joined
+                return joined
 
     def _derive(self, key: Key, place: Place) -> g.Test:
         """Return the condition that a derived atom stands for.
@@ -391,12 +410,7 @@ class _Instantiation:
         del self.deriving[key]
         self.expansions += 1
         if self.expansions > MOST_EXPANSIONS or self._size(test) > MOST_EXPANSIONS:
-            raise DomainError(
-                f"`{key[0]}` is derived in too many ways over these objects",
-                place,
-                "use fewer objects, or events that set a predicate",
-                code="too-large",
-            )
+            raise _derived_too_often(key[0], place)
         if cut <= {key}:  # else it depends on what it was derived for
             self.derived[key] = test
         return test
@@ -429,7 +443,7 @@ class _Instantiation:
             match effect:
                 case x.SetPredicate(atom, value, place):
                     key = key_of(atom.name, atom.arguments, binding)
-                    target = _FLAGS.get(atom.name, self.index.get(key))
+                    target = _FLAGS.get(key, self.index.get(key))
                     if target is not None:  # a constant already has this value
                         yield g.SetBoolean(target, value, condition, place)
                 case x.ChangeFunction(change, function, value, place):
@@ -445,8 +459,17 @@ class _Instantiation:
                     if joined != g.Constant(False):
                         yield from self._effects(inner, binding, joined, role)
                 case x.ForallEffect(parameters, inner, place):
-                    for extended in self.facts.quantify(parameters, binding, place):
-                        yield from self._effects(inner, extended, condition, role)
+                    occurrence = condition is _TRUE and self.facts.occurrence(effect, binding)
+                    effects_of_all = self.universal.get(occurrence)
+                    if effects_of_all is None:
+                        effects_of_all = tuple(
+                            ground
+                            for extended in self.facts.quantify(parameters, binding, place)
+                            for ground in self._effects(inner, extended, condition, role)
+                        )
+                        if occurrence:
+                            self.universal[occurrence] = effects_of_all
+                    yield from effects_of_all
 
     def _outcomes(
         self, effects: tuple[x.Effect, ...], binding: Binding, condition: g.Test, role: str

@@ -28,10 +28,9 @@ Binding = Mapping[str, str]
 Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
-MAX_GROUND_SCHEMAS = 50_000
-FLUENTS_EACH = 4
+MAX_GROUND_SCHEMAS = 200_000
 BINDINGS_EACH = 20
-"""Most fluents, and bindings that are tried, for each ground schema that there may be."""
+"""Most bindings that are tried for each ground schema that there may be."""
 
 
 class Facts:
@@ -75,6 +74,7 @@ class Facts:
             self.true = {key_of(a.name, a.arguments, {}) for a in problem.true_atoms}
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
         self._members: dict[Sequence[str], Collection[str]] = {}
+        self._names: dict[int, tuple[str, ...]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
         self.changed = x.changed_names(domain.schemas)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
@@ -83,7 +83,8 @@ class Facts:
             names = {d.name for d in declared if d.numeric and d.name not in stated | self.changed}
         else:
             names = set(domain.declarations) - (stated - self.changed)
-        self.varying = frozenset(names | {x.REWARD, x.UNSAFE, x.TERMINAL})
+        names |= {d.name for d in declared if d.reserved}
+        self.varying = frozenset(names)
         self.free = {tuple(name.split()) for name in supplied or ()}
 
     def varies(self, key: Key) -> bool:
@@ -128,6 +129,15 @@ class Facts:
             self.count_binding(place)
             yield {**binding, **dict(zip(names, chosen, strict=True))}
 
+    def occurrence(self, part: object, binding: Binding) -> tuple[object, ...]:
+        """Return what is equal where a part of the file means the same under two bindings."""
+        names = self._names.get(id(part))
+        if names is None:
+            terms = (node for node in x.nodes_in(part) if isinstance(node, x.SchemaTerm))
+            names = tuple({term.name: None for term in terms if term.is_variable})
+            self._names[id(part)] = names
+        return (id(part), *[binding.get(name) for name in names])
+
     # Limits -------------------------------------------------------------------------------------
 
     def count_binding(self, place: Place) -> None:
@@ -149,8 +159,8 @@ class Facts:
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
         """Check a number of fluents against the limit."""
-        if count > (limit := FLUENTS_EACH * self.most):
-            problem = f"the domain has more than {limit} fluents over these objects"
+        if count > self.most:
+            problem = f"the domain has more than {self.most} fluents over these objects"
             raise _too_large(problem, declaration.place)
 
 
@@ -167,12 +177,12 @@ def _too_large(problem: str, place: Place) -> DomainError:
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
     """Return the object that a term stands for."""
-    return binding[term.name] if term.is_variable else term.name
+    return binding.get(term.name, term.name)
 
 
 def key_of(name: str, arguments: tuple[x.SchemaTerm, ...], binding: Binding) -> Key:
     """Return a ground predicate or function."""
-    return (name, *(bound(term, binding) for term in arguments))
+    return (name, *[binding.get(term.name, term.name) for term in arguments])
 
 
 def conjuncts(condition: x.Condition) -> Iterator[x.Condition]:
@@ -197,6 +207,7 @@ class _Rule:
         schema: The schema.
         atoms: Predicates that have to hold and do not vary freely; they are joined.
         rest: Other conditions, which may become possible while others become free.
+        members: Parameter → the objects that it may be.
         seen: The arguments of all instances met.
         instances: Those that can apply.
     """
@@ -204,6 +215,7 @@ class _Rule:
     schema: x.Schema
     atoms: tuple[x.Atom, ...]
     rest: tuple[x.Condition, ...]
+    members: Mapping[str, Collection[str]]
     seen: set[Key] = field(default_factory=set)
     instances: list[Key] = field(default_factory=list)
 
@@ -232,6 +244,8 @@ class _Reachability:
         self.index: dict[tuple[str, int, str], list[Key]] = {}
         self.watched: dict[Key, list[_Item]] = {}
         self.barred: list[_Item] = []
+        self.applied: set[object] = set()
+        self.certain: set[object] = set()
         self.freed: deque[Key] = deque()
 
     def run(self) -> dict[str, list[Binding]]:
@@ -257,15 +271,12 @@ class _Reachability:
         }
 
     def _rule(self, schema: x.Schema) -> _Rule:
-        atoms: list[x.Atom] = []
-        rest: list[x.Condition] = []
-        for part in conjuncts(schema.precondition):
-            if isinstance(part, x.Atom):
-                if part.name not in self.facts.varying | self.facts.domain.derived:
-                    atoms.append(part)
-            elif not isinstance(part, x.NumericComparison):
-                rest.append(part)
-        return _Rule(schema, tuple(atoms), tuple(rest))
+        parts = [*conjuncts(schema.precondition)]
+        anyhow = self.facts.varying | self.facts.domain.derived
+        atoms = tuple(p for p in parts if isinstance(p, x.Atom) and p.name not in anyhow)
+        rest = tuple(p for p in parts if not isinstance(p, x.Atom | x.NumericComparison))
+        members = {p.name: self.facts.objects_of(p.types) for p in schema.parameters}
+        return _Rule(schema, atoms, rest, members)
 
     # Joining -----------------------------------------------------------------------------------
 
@@ -302,21 +313,20 @@ class _Reachability:
                 if extended is not None:
                     self._join(rule, extended, others)
             return
-        for parameter in rule.schema.parameters:
-            if parameter.name not in binding:
-                for name in self.facts.objects_of(parameter.types):
+        for parameter, members in rule.members.items():
+            if parameter not in binding:
+                for name in members:
                     self.facts.count_binding(rule.schema.place)
-                    self._join(rule, {**binding, parameter.name: name}, ())
+                    self._join(rule, {**binding, parameter: name}, ())
                 return
-        arguments = tuple(binding[p.name] for p in rule.schema.parameters)
-        instance = (rule.schema.name, *arguments)
+        instance = (rule.schema.name, *[binding[parameter] for parameter in rule.members])
         if instance not in rule.seen:
             rule.seen.add(instance)
             self._try(_Item(rule.rest, rule.schema.effects, binding, rule))
 
     def _candidates(self, atom: x.Atom, binding: Binding) -> Sequence[Key]:
         """Return a superset of the facts that match the atom under the binding so far."""
-        pattern = [binding.get(t.name) if t.is_variable else t.name for t in atom.arguments]
+        pattern = [binding.get(t.name, None if t.is_variable else t.name) for t in atom.arguments]
         return min(
             (
                 self.index.get((atom.name, i, name), ())
@@ -331,14 +341,11 @@ class _Reachability:
         """Return the binding that unifies an atom with a fact; None where there is none."""
         extended = dict(binding)
         for term, name in zip(atom.arguments, fact[1:], strict=True):
-            meant = extended.setdefault(term.name, name) if term.is_variable else term.name
-            if meant != name:
+            meant = extended.get(term.name)
+            if meant is None and name in rule.members.get(term.name, (term.name,)):
+                extended[term.name] = name
+            elif meant != name:
                 return None
-        if len(extended) > len(binding):
-            for parameter in rule.schema.parameters:
-                chosen = extended.get(parameter.name)
-                if chosen is not None and chosen not in self.facts.objects_of(parameter.types):
-                    return None
         return extended
 
     # Applying ----------------------------------------------------------------------------------
@@ -361,13 +368,18 @@ class _Reachability:
             return
         if item.rule is not None:
             self.facts.count_instance(item.rule.schema)
-            arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
+            arguments = [item.binding[parameter] for parameter in item.rule.members]
             item.rule.instances.append((item.rule.schema.name, *arguments))
         if not self.settled:
             self._apply(item.effects, item.binding)
 
     def _apply(self, effects: tuple[x.Effect, ...], binding: Binding) -> None:
         for effect in effects:
+            if isinstance(effect, x.When | x.ForallEffect):  # other instances may share it
+                occurrence = self.facts.occurrence(effect, binding)
+                if occurrence in self.applied:
+                    continue
+                self.applied.add(occurrence)
             match effect:
                 case x.SetPredicate(atom, value):
                     key = key_of(atom.name, atom.arguments, binding)
@@ -415,9 +427,15 @@ class _Reachability:
                 parts = (self._possible(c, binding, wanted) for c in operands)
                 return all(parts) if (operator == "and") == wanted else any(parts)
             case x.Quantified(operator, parameters, body, place):
+                occurrence = wanted, self.facts.occurrence(condition, binding)
+                if occurrence in self.certain:
+                    return True
                 bindings = self.facts.quantify(parameters, binding, place)
                 parts = (self._possible(body, inner, wanted) for inner in bindings)
-                return all(parts) if (operator == "forall") == wanted else any(parts)
+                possible = all(parts) if (operator == "forall") == wanted else any(parts)
+                if possible:  # from then on
+                    self.certain.add(occurrence)
+                return possible
 
 
 def _places(key: Key) -> Iterator[tuple[str, int, str]]:

@@ -250,17 +250,17 @@ def _contradict(first: x.ChangeFunction, second: x.ChangeFunction) -> bool:
 _CHANGES = {change.value: change for change in x.Change}
 
 
-def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[x.Effect, ...]:
+def parse_effects(node: Node, scope: Scope) -> tuple[x.Effect, ...]:
     """Parse an effect into its parts, with every `and` flattened."""
     try:
-        return _effects(node, scope, inside_when=inside_when)
+        return _effects(node, scope)
     except DomainError:
         if slip := slips.in_form(node, slips.EFFECT, scope.declarations):
             raise slip from None
         raise
 
 
-def _effects(node: Node, scope: Scope, *, inside_when: bool) -> tuple[x.Effect, ...]:
+def _effects(node: Node, scope: Scope) -> tuple[x.Effect, ...]:
     group = expect_group(node, "an effect")
     if not group.items:
         return ()
@@ -269,14 +269,14 @@ def _effects(node: Node, scope: Scope, *, inside_when: bool) -> tuple[x.Effect, 
         effects: list[x.Effect] = []
         for item in group.items[1:]:
             with item.place.source.recovering():
-                effects += parse_effects(item, scope, inside_when=inside_when)
+                effects += parse_effects(item, scope)
         return tuple(effects)
     if head == "forall":
         parameters, body = parse_quantifier(group, scope)
-        inner = parse_effects(body, scope.bind(parameters), inside_when=inside_when)
+        inner = parse_effects(body, scope.bind(parameters))
         return (x.ForallEffect(parameters, inner, group.place),)
     if head == "when":
-        return (_when(group, scope, inside_when=inside_when),)
+        return (_when(group, scope),)
     if head in _CHANGES:
         return (_change(group, scope),)
     if head == "not":
@@ -284,7 +284,7 @@ def _effects(node: Node, scope: Scope, *, inside_when: bool) -> tuple[x.Effect, 
             raise DomainError("`not` takes one predicate", group.place)
         return (_set_predicate(group.items[1], scope, value=False, place=group.place),)
     if head in ("oneof", "probabilistic") and head not in scope.declarations:
-        return (_chance(group, scope, inside_when=inside_when),)
+        return (_chance(group, scope),)
     if head in ("or", "exists", "imply") and head not in scope.declarations:
         raise DomainError(
             f"`{head}` is not supported in an effect",
@@ -295,14 +295,7 @@ def _effects(node: Node, scope: Scope, *, inside_when: bool) -> tuple[x.Effect, 
     return (_set_predicate(group, scope, value=True, place=group.place),)
 
 
-def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
-    if inside_when:
-        raise DomainError(
-            "`when` inside `when` is not supported (other PDDL tools drop its outer condition)",
-            group.place,
-            "write one `when` with both conditions under `and`",
-            code="unsupported",
-        )
+def _when(group: Group, scope: Scope) -> x.When:
     if scope.in_process:
         raise DomainError(
             "`when` is not supported in a process",
@@ -315,14 +308,15 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
     if _changes(condition, scope) and not _changes(effect, scope):
         problem = "condition and effect of `when` stand the wrong way round"
         raise slips.swapped(group, problem, condition.place, "wrong-kind")
-    return x.When(
-        parse_condition(condition, scope),
-        parse_effects(effect, scope, inside_when=True),
-        group.place,
-    )
+    parsed = x.When(parse_condition(condition, scope), parse_effects(effect, scope), group.place)
+    for inner in x.nodes_in(parsed.effects):
+        if isinstance(inner, x.When):
+            text = "`when` inside `when`: other PDDL tools may drop the outer condition"
+            inner.place.warn(text, advice="write one `when` with both conditions under `and`")
+    return parsed
 
 
-def _chance(group: Group, scope: Scope, *, inside_when: bool) -> x.Chance:
+def _chance(group: Group, scope: Scope) -> x.Chance:
     """Parse `(probabilistic p effect ...)`, or `(oneof effect ...)`, all equally likely."""
     if not scope.in_action:
         raise DomainError(
@@ -346,7 +340,7 @@ def _chance(group: Group, scope: Scope, *, inside_when: bool) -> x.Chance:
         raise DomainError(problem, group.place, "they add up to at most 1")
     return x.Chance(
         tuple(
-            x.ChanceOutcome(chance, parse_effects(node, scope, inside_when=inside_when), node.place)
+            x.ChanceOutcome(chance, parse_effects(node, scope), node.place)
             for chance, node in zip(chances, effects, strict=True)
             if chance > 0.0
         ),
@@ -391,7 +385,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
             "change what its `:derived` conditions read",
             code="wrong-kind",
         )
-    if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
+    if declaration.reserved and not value:
         raise DomainError(
             f"`({declaration.name})` can only be made true",
             place,

@@ -160,9 +160,8 @@ def _unknown_section(section: Group, known: Sequence[str], what: str) -> DomainE
 
 
 DERIVED = ":derived"
-_RESERVED = (x.UNSAFE, x.TERMINAL)
 DOMAIN_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":functions")
-SCHEMA_FIELDS = (":parameters", ":precondition", ":effect")
+SCHEMA_FIELDS = (":parameters", ":vars", ":precondition", ":effect")
 SCHEMA_SECTIONS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
@@ -218,7 +217,7 @@ def _axioms(groups: Sequence[Group], scope: Scope) -> tuple[x.Axiom, ...]:
             head = expect_group(group.items[1], "a predicate with its parameters")
             declaration = declared_as(head, scope, numeric=False)
             parameters = parse_parameters(head.items[1:], dict(scope.parents))
-            if len(parameters) != len(declaration.parameters) or declaration.name in _RESERVED:
+            if len(parameters) != len(declaration.parameters) or declaration.reserved:
                 problem = f"`{head.place.text}` is no predicate that can be derived"
                 advice = f"it is declared as {declaration.place.text}"
                 raise DomainError(problem, head.place, advice, code="wrong-arguments")
@@ -293,12 +292,19 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
             )
     names.add(name)
     fields = _fields(group, f"{kind.value} `{name}`")
-    parameters: tuple[x.SchemaParameter, ...] = _said(
-        fields.get(":parameters"),
-        lambda listed: parse_parameters(listed.items, dict(scope.parents)),
-        (),
-        declares=True,
-    )
+    if ":vars" in fields:  # of PDDL 1.2
+        text = "`:vars` is read as more parameters, which other tools may not do"
+        fields[":vars"].place.warn(text)
+    bound: dict[str, x.SchemaParameter] = {}
+    for key in (":parameters", ":vars"):
+        listed: tuple[x.SchemaParameter, ...] = _said(
+            fields.get(key),
+            lambda group: parse_parameters(group.items, dict(scope.parents)),
+            (),
+            declares=True,
+        )
+        bound |= {parameter.name: parameter for parameter in listed}
+    parameters = tuple(bound.values())
     inner = replace(scope, in_process=kind is x.Kind.PROCESS, in_action=kind is x.Kind.ACTION).bind(
         parameters
     )
@@ -489,7 +495,7 @@ def _fact(item: Group, scope: Scope) -> x.Atom:
     if fact.name in scope.derived:
         problem = f"`{fact.name}` is derived, so :init cannot state it"
         raise DomainError(problem, item.place, code="wrong-kind")
-    if fact.name in (x.UNSAFE, x.TERMINAL):
+    if scope.declarations[fact.name].reserved:
         problem = f"`({fact.name})` starts false in every step"
         raise DomainError(problem, item.place, code="reserved-name")
     return fact

@@ -17,11 +17,11 @@ SECTIONS = frozenset(
         *(":domain", ":objects", ":init", ":goal", ":metric"),
     )
 )
-_FIELDS = frozenset((":parameters", ":precondition", ":effect"))
+_FIELDS = frozenset((":parameters", ":vars", ":precondition", ":effect"))
 _HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
 _OPENING = re.compile(r"[({[][ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 _TOKEN = re.compile(
-    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[]*"
+    r"[()]|(?:[^](){}\s;[#/]|/(?!/)|#t(?![a-z]))[^](){}\s;[?]*"
     r"|(;)[^\r\n]*|(//|#)[^\r\n]*|([^ \t\r\n\f\v])",
     re.IGNORECASE,
 )

@@ -40,7 +40,6 @@ INSTEAD = {
         "write one list for all; an agent is one more parameter": (
             ":agent :private :multi-agent :factored-privacy :unfactored-privacy"
         ),
-        "write them under `:parameters`": ":vars",
     }.items()
     for word in words.split()
 }
@@ -424,6 +423,10 @@ def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declarati
 def _check_reserved(declaration: x.Declaration) -> None:
     name = declaration.name
     if name not in (x.REWARD, x.UNSAFE, x.TERMINAL):
+        return
+    if name != x.REWARD and not declaration.numeric and declaration.parameters:
+        text = f"`{name}` with parameters is an ordinary predicate, not the flag `({name})`"
+        declaration.place.warn(text, "reserved-name")
         return
     if declaration.numeric != (name == x.REWARD):
         kind = "function" if name == x.REWARD else "predicate"

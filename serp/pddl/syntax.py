@@ -270,6 +270,11 @@ class Declaration:
     numeric: bool
     place: Place
 
+    @property
+    def reserved(self) -> bool:
+        """Whether it is `(reward)`, `(unsafe)` or `(terminal)`; no name is with parameters."""
+        return self.name in (REWARD, UNSAFE, TERMINAL) and not self.parameters
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectDeclaration:
@@ -302,7 +307,7 @@ class DomainSyntax:
     requirements: frozenset[str]
     place: Place
 
-    @property
+    @functools.cached_property
     def derived(self) -> frozenset[str]:
         """The predicates that axioms define."""
         return frozenset(axiom.name for axiom in self.axioms)

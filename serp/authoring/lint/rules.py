@@ -34,7 +34,7 @@ def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
     for written in subject.schemas:
         what, action = written.what, written.schema.kind is x.Kind.ACTION
         for atom in x.nodes_in(written.conditions) if action else ():
-            if isinstance(atom, x.Atom) and atom.name in (x.UNSAFE, x.TERMINAL):
+            if isinstance(atom, x.Atom) and subject.domain.syntax.declarations[atom.name].reserved:
                 yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so {what} always finds it "
                     "false; events are the ones that can read it",
@@ -58,7 +58,7 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
     if problem is None and x.REWARD not in syntax.declarations:
         read |= changed
     for name, declaration in syntax.declarations.items():
-        if name in read or name in (x.REWARD, x.UNSAFE, x.TERMINAL):
+        if name in read or name == x.REWARD or declaration.reserved:
             continue
         what = "function" if declaration.numeric else "predicate"
         flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"

@@ -19,6 +19,7 @@ from serp.ui.options import (
     dt_option,
     json_option,
     open_run,
+    own_task_name,
     own_task_option,
     parse_state,
     problem_option,
@@ -29,7 +30,7 @@ from serp.ui.options import (
     with_domain,
 )
 from serp.ui.output import print_json, show
-from serp.ui.root import say
+from serp.ui.root import say, working
 
 if TYPE_CHECKING:
     from serp.agent.chosen_planner import ChosenPlanner
@@ -93,23 +94,24 @@ def plan(
     from serp.agent.sentences import lines_of_changes
     from serp.ui.account import describe, print_plan
 
-    loaded = None if run is None else _opened(run)
-    if loaded is None:
-        domain, task = asked_domain(name, problem)
-    else:
-        domain, task = loaded.agent.task.domain, loaded.task
-    domain, state, origin = _asked_state(domain, task, assignments, observe=observe, seed=seed)
-    if loaded is None:
-        chosen, period = asked_settings(task, settings, dt)
-        model = domain.model.replace(dt=period)
-        planner = ChosenPlanner.of_settings(model, chosen.planner, task)
-    else:
-        planner = _planner_of(loaded, domain)
-    plan = planner.plan(state)
-    account = planner.explain(state, plan)
-    changes = None
-    if loaded is not None and len(recording := loaded.recording()):
-        changes = planner.other_choices(state, recording.ranges, recording.whole)
+    with working(f"planning in {run or name or own_task_name()}"):
+        loaded = None if run is None else _opened(run)
+        if loaded is None:
+            domain, task = asked_domain(name, problem)
+        else:
+            domain, task = loaded.agent.task.domain, loaded.task
+        domain, state, origin = _asked_state(domain, task, assignments, observe=observe, seed=seed)
+        if loaded is None:
+            chosen, period = asked_settings(task, settings, dt)
+            model = domain.model.replace(dt=period)
+            planner = ChosenPlanner.of_settings(model, chosen.planner, task)
+        else:
+            planner = _planner_of(loaded, domain)
+        plan = planner.plan(state)
+        account = planner.explain(state, plan)
+        changes = None
+        if loaded is not None and len(recording := loaded.recording()):
+            changes = planner.other_choices(state, recording.ranges, recording.whole)
     title = f"{domain.name}, {origin}"
     if as_json:
         about = {"domain": domain.name, "state_from": origin, **describe(planner, account, plan)}

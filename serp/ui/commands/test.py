@@ -19,11 +19,12 @@ from serp.ui.options import (
     dt_option,
     json_option,
     open_run,
+    own_task_name,
     own_task_option,
     settings_option,
 )
 from serp.ui.output import print_json, show
-from serp.ui.root import say
+from serp.ui.root import say, working
 
 if TYPE_CHECKING:
     from serp.authoring.scenarios.checking import Decider, Result
@@ -68,7 +69,8 @@ def test(
     wrong, results = 0, list[dict[str, Any]]()
     for position, name in enumerate(_domains(names)):
         try:
-            source, decider = _opened(name, **deciding)
+            with working(f"loading {name or own_task_name()}"):
+                source, decider = _opened(name, **deciding)
             if not as_json:
                 show(("\n" if position else "") + source.name, style="bold")
             for result in run_scenarios(source, decider, words):

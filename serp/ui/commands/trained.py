@@ -161,8 +161,9 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     """
     from serp.agent.agent import account_of
 
-    loaded = open_run(run)
-    result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
+    with working(f"evaluating {run}"):
+        loaded = open_run(run)
+        result = loaded.evaluate(policy, episodes=episodes, seed=seed, record=True).as_dict()
     if as_json:
         print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
         return

@@ -4,6 +4,7 @@
 random domains seldom reach, and the flags of steps without a result.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -296,3 +297,22 @@ def test_a_trace_names_what_took_part_in_order():
         passed, flags = model.trace(state_of(model, given), 0)
         assert told(passed) == sites
         assert bool(flags & APPLICABLE) == (sites[0][0] != "failed") and not flags & TERMINAL
+
+
+def test_a_condition_inside_another_one_needs_both():
+    model = model_of(action("(when (p) (and (when (q) (r)) (increase (x) 1)))"))
+    for p, q in itertools.product((0.0, 1.0), repeat=2):
+        after = model.step(state_of(model, {"p": p, "q": q}), 0).state
+        expected = state_of(model, {"p": p, "q": q, "r": p * q, "x": p})
+        np.testing.assert_array_equal(after, expected)
+
+
+def test_a_predicate_with_parameters_is_no_flag_whatever_its_name():
+    declared = "(:types item) (:constants i1 i2 - item) (:predicates (unsafe ?i - item) (p)"
+    declared += " (terminal ?i - item))"
+    act = action("(unsafe i1) (not (terminal i2)) (when (unsafe i2) (p))", "(not (unsafe i1))")
+    model = model_of(act, "(:domain d) (:init (unsafe i2) (terminal i2))", declared)
+    assert [f.name for f in model.fluents] == ["unsafe i1", "p", "terminal i2"]
+    first = model.step(model.initial_state, 0)
+    assert (first.unsafe, first.terminal, [*first.state]) == (False, False, [1.0, 1.0, 0.0])
+    assert not model.step(first.state, 0).applicable

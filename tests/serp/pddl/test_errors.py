@@ -94,7 +94,6 @@ IN_DOMAIN = [
     ("malformed", action("(increase (speed) (* «#t» 2))")),
     ("too-large", action(f"(increase (speed) «(+{LONG})»)")),
     ("unsupported", action("«(or (tired) (open ?p))»")),
-    ("unsupported", action("(when (tired) (forall (?x - robot) (and «(when (tired) (tired))»)))")),
     ("reserved-name", action("«(not (unsafe))»")),
     ("reserved-name", action("«(assign (reward) 1)»")),
     ("wrong-arguments", action("(increase (charge «?p») 1)")),

@@ -12,6 +12,8 @@ PROBLEM = text("car-problem")
 # fmt: off
 FORMS = {
     "no blank after the dash": ("boat - vehicle", "boat -vehicle", "read as `- vehicle`"),
+    "variables of PDDL 1.2": ("(?x - boat ?y - lake)", "(?x - boat) :vars (?y - lake)",
+        "`:vars` is read as more parameters"),
     "nor before number": (") (fuel ?x - boat)", ") (fuel ?x - boat) -number", "`- number`"),
     "a type twice": ("boat - vehicle", "boat - vehicle boat - object", "type `boat` is declared"),
     "a constant twice": ("here there", "here here there", "object `here` is declared twice"),
@@ -64,6 +66,11 @@ def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(fo
     assert warning in found
     assert all(w.place is not None for w in domain.warnings)
     assert not load_texts(texts).warnings
+
+
+def test_a_variable_begins_with_its_question_mark():
+    glued = Texts(DOMAIN.replace("(at ?x ?y)", "(at?x?y)"), PROBLEM)
+    assert told(load_texts(glued)) == told(load_texts(Texts(DOMAIN, PROBLEM)))
 
 
 def test_an_object_may_be_called_like_a_connective():
