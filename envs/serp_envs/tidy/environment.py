@@ -1,0 +1,350 @@
+"""The environment: physics, the person, the battery, what is observed and what it is worth."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from math import acos, cos, exp, hypot, sin
+from typing import Any, Final, SupportsInt
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    os.environ.setdefault("MUJOCO_GL", "egl")  # read when mujoco is imported
+
+import mujoco
+
+from serp_envs.tidy.controllers import MACROS, PERIOD
+from serp_envs.tidy.room import (
+    BASE_RADIUS,
+    BOARD,
+    FACING,
+    FLOOR,
+    PERSON_RADIUS,
+    PLACES,
+    ROOM,
+    ROW,
+    SPREAD,
+    TABLE,
+    THINGS,
+    TIMESTEP,
+    WALK,
+    XML,
+)
+
+Observation = NDArray[np.float32]
+
+OBSERVED: Final = (
+    "x", "y", "cos-heading", "sin-heading", "battery", "opening", "person-x", "person-y",
+    "hit", "tilt glass",
+    *(f"{what} {name}" for name in THINGS for what in ("x", "y", "z", "held", "tidy", "lost")),
+)  # fmt: skip
+"""Names of the numbers of an observation, see `TidyRoom`."""
+TIDY: Final = 1.0
+DONE: Final = 1.0
+SECOND: Final = 0.02
+LOST: Final = 0.5
+DAMAGE: Final = 5.0
+"""Rewards: a thing in its place; all of them and the drawer closed; minus: a second; a thing on the
+floor; the person hit, the glass spilled, the battery empty."""
+SPILL: Final = 0.35
+"""The full glass spills when tilted so far, rad."""
+PACE: Final = 0.5
+"""Speed of the person, m/s."""
+DRAIN: Final = (0.0012, 0.006)
+"""Battery used in a second, and for a metre at 1 m/s; twice as much a metre at twice the speed."""
+CHARGE: Final = 0.08
+"""Battery charged in a second."""
+
+_SUBSTEPS: Final = round(PERIOD / TIMESTEP)
+
+
+class TidyRoom(gym.Env[Observation, np.int64]):
+    """A mobile manipulator clears a table into a drawer and a shelf.
+
+    TODO
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
+        "render_modes": ["rgb_array"],
+        "render_fps": 2,
+    }
+
+    def __init__(self, render_mode: str | None = None, wear: float = 0.0) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
+        self.render_mode = render_mode
+        self.wear = wear
+        self.action_space = spaces.Discrete(len(MACROS))  # type: ignore[assignment]
+        size = len(OBSERVED)
+        self.observation_space = spaces.Box(-10.0, 10.0, (size,), np.float32)
+        self.model = mujoco.MjModel.from_xml_string(XML)
+        self.data = mujoco.MjData(self.model)
+        self.on_tick: Callable[[], None] | None = None
+        model = self.model
+        self._addresses = {
+            name: int(model.joint(model.body(name).jntadr[0]).qposadr[0]) for name in THINGS
+        }
+        self._bodies = {name: model.body(name).id for name in THINGS}
+        self._opening = int(model.joint("drawer").qposadr[0])
+        self._base = int(model.joint("x").qposadr[0])
+        self._base_dof = int(model.joint("x").dofadr[0])
+        self._geoms = {model.geom(name).id for name in ("base", "arm")}
+        self._person = model.geom("person").id
+        fingers = {model.geom(side).id: side for side in ("left", "right")}
+        others = {model.geom(name).id: name for name in (*THINGS, "handle")}
+        self._pairs = {
+            pair: others[other]
+            for pair in range(model.npair)
+            for finger, other in (sorted(
+                (int(model.pair_geom1[pair]), int(model.pair_geom2[pair])),
+                key=lambda geom: geom not in fingers,
+            ),)
+            if finger in fingers and other in others
+        }
+        self._renderer: Any = None
+        self._gripper = model.body("arm").id
+
+    # Episodes ------------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode."""
+        super().reset(seed=seed)
+        rng, model, data = self.np_random, self.model, self.data
+        self._friction = {"handle": 1.0}
+        ys = rng.permutation(SPREAD) + rng.uniform(-0.05, 0.05, len(SPREAD))
+        for name, thing in THINGS.items():
+            mass = rng.uniform(*thing.mass)
+            body = self._bodies[name]
+            model.body_inertia[body] *= mass / model.body_mass[body]
+            model.body_mass[body] = mass
+            self._friction[name] = rng.uniform(*thing.friction)
+        mujoco.mj_setConst(model, data)
+        mujoco.mj_resetData(model, data)
+        for (name, thing), y in zip(THINGS.items(), ys, strict=True):
+            at = self._addresses[name]
+            data.qpos[at : at + 3] = ROW + rng.uniform(-0.03, 0.03), y, TABLE + thing.half
+        self.velocity = (0.0, 0.0, 0.0)
+        self.lift, self.arm, self.held = 1.1, 0.0, ""
+        data.qpos[self._base : self._base + 2] = rng.uniform((-0.6, -1.7), (0.6, -1.4))
+        data.qpos[self._base + 2] = rng.uniform(-3.0, 3.0)
+        data.joint("lift").qpos = self.lift
+        self.battery, self.charging = float(rng.uniform(0.35, 0.7)), False
+        self._walker = rng.uniform(*zip(*WALK, strict=True))
+        self._walker[1] = abs(self._walker[1])
+        self._waypoint, self._rest = self._walker.copy(), 0.0
+        self.close_gripper(False)
+        self.tidy = dict.fromkeys(THINGS, False)
+        self.lost = dict.fromkeys(THINGS, False)
+        self.hit = self.spilled = False
+        self.seconds = 0.0
+        self._wear_in()
+        self._tick()
+        return self._observation(), self._info()
+
+    def step(
+        self, action: SupportsInt
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Run a macro-action to its end, or to the end of the episode."""
+        assert self.action_space.contains(action), f"{action!r} is an invalid action"
+        self._wear_in()
+        before, tidied, lost = self.seconds, sum(self.tidy.values()), sum(self.lost.values())
+        for _ in list(MACROS.values())[int(action)](self):
+            self._tick()
+            if self._damaged():
+                break
+        self.velocity, self.charging = (0.0, 0.0, 0.0), False
+        self._look()
+        reward = -SECOND * (self.seconds - before)
+        reward += TIDY * (sum(self.tidy.values()) - tidied)
+        reward -= LOST * (sum(self.lost.values()) - lost)
+        damaged, done = self._damaged(), self.done
+        reward += DONE * done - DAMAGE * damaged
+        return self._observation(), reward, damaged or done, False, self._info()
+
+    def _damaged(self) -> bool:
+        return self.hit or self.spilled or self.battery <= 0.0
+
+    @property
+    def done(self) -> bool:
+        """Whether nothing is left to do: each thing in its place or lost, the drawer closed."""
+        return self.opening < 0.04 and all(self.tidy[n] or self.lost[n] for n in THINGS)
+
+    def _wear_in(self) -> None:
+        """Set the friction of the gripper, which may be changed at any time."""
+        for pair, other in self._pairs.items():
+            self.model.pair_friction[pair, :2] = self._friction[other] * (1.0 - self.wear)
+
+    def _tick(self) -> None:
+        """Advance the physics by a control period."""
+        data = self.data
+        data.ctrl[:3] = self.velocity
+        data.ctrl[3], data.ctrl[4] = self.lift, self.arm
+        speed = hypot(*data.qvel[self._base_dof : self._base_dof + 2])
+        self._walk(speed)
+        data.mocap_pos[0, :2] = self._walker
+        mujoco.mj_step(self.model, data, _SUBSTEPS)
+        self.seconds += PERIOD
+        self.battery -= PERIOD * (DRAIN[0] + DRAIN[1] * speed * max(1.0, speed))
+        if self.charging:
+            self.battery = min(1.0, self.battery + CHARGE * PERIOD)
+        self.battery = max(self.battery, 0.0)
+        if data.ncon and speed > 0.05:
+            pairs = data.contact.geom
+            touched = pairs[(pairs == self._person).any(axis=1)]
+            self.hit |= any(int(geom) in self._geoms for geom in touched.ravel())
+        glass = self._bodies["glass"]
+        self.spilled |= bool(data.xmat[glass, 8] < cos(SPILL)) or self.where("glass")[2] < 0.4
+        if self.held and self._from_grip(self.held) > 0.12:
+            self.held = ""
+        if self.on_tick is not None:
+            self.on_tick()
+
+    def _walk(self, speed: float) -> None:
+        """Move the person: to a waypoint, a rest, the next one; a slow robot is walked round."""
+        if self._rest > 0.0:
+            self._rest -= PERIOD
+            return
+        way = self._waypoint - self._walker
+        far = hypot(*way)
+        if far < PACE * PERIOD:
+            self._rest = float(self.np_random.uniform(0.0, 4.0))
+            self._waypoint = self.np_random.uniform(*zip(*WALK, strict=True))
+            return
+        there = self._walker + way * (PACE * PERIOD / far)
+        x, y, _ = self.pose
+        near = hypot(there[0] - x, there[1] - y)
+        if near < BASE_RADIUS + PERSON_RADIUS + 0.15 and speed < 0.65:
+            if near < hypot(self._walker[0] - x, self._walker[1] - y):
+                self._waypoint = self.np_random.uniform(*zip(*WALK, strict=True))
+                return
+        self._walker = there
+
+    def _look(self) -> None:
+        """Judge which things are in their places, and which are on the floor."""
+        for name, thing in THINGS.items():
+            x, y, z = self.where(name)
+            self.lost[name] |= z < 0.4
+            if name == self.held:
+                continue
+            if thing.place == "shelf":
+                there = z > BOARD and y > 2.2
+            else:
+                there = FLOOR < z < TABLE and x > 1.7
+            self.tidy[name] |= there
+
+    # What controllers use ------------------------------------------------------------------------
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """Position (m) and heading (rad) of the base."""
+        x, y, heading = self.data.qpos[self._base : self._base + 3].tolist()
+        return x, y, heading
+
+    @property
+    def opening(self) -> float:
+        """How far the drawer is open, m."""
+        return float(self.data.qpos[self._opening])
+
+    def where(self, name: str) -> tuple[float, float, float]:
+        """Return the position of a thing, m."""
+        x, y, z = self.data.xpos[self._bodies[name]].tolist()
+        return x, y, z
+
+    def from_base(self, name: str) -> tuple[float, float, float]:
+        """Return how far ahead, to the left and how high a thing is, m."""
+        x, y, z = self.where(name)
+        bx, by, heading = self.pose
+        c, s = cos(heading), sin(heading)
+        return c * (x - bx) + s * (y - by), c * (y - by) - s * (x - bx), z
+
+    def tilt(self, name: str) -> float:
+        """Return the angle between a thing's axis and the vertical, rad."""
+        return acos(min(1.0, max(-1.0, float(self.data.xmat[self._bodies[name], 8]))))
+
+    def at(self, place: str) -> bool:
+        """Return whether the base stands at a place, facing it, so near that the arm can work."""
+        goal = PLACES[place]
+        x, y, heading = self.pose
+        room_x, room_y = ROOM[place]
+        return (
+            abs(x - goal.x) < room_x
+            and abs(y - goal.y) < room_y
+            and cos(heading - goal.heading) > FACING
+        )
+
+    def person_ahead(self, dx: float, dy: float, field: float) -> bool:
+        """Return whether the person is nearer than `field` within 60° of a direction."""
+        x, y, _ = self.pose
+        px, py = self._walker[0] - x, self._walker[1] - y
+        far, way = hypot(px, py), hypot(dx, dy)
+        return far < field and px * dx + py * dy > 0.5 * far * way
+
+    def count(self, place: str) -> int:
+        """Return how many things are in a place."""
+        return sum(self.tidy[name] for name, thing in THINGS.items() if thing.place == place)
+
+    def close_gripper(self, closed: bool) -> None:
+        """Set the fingers' targets; closing stops at what is between them."""
+        self.data.ctrl[5:7] = 0.055 if closed else 0.0
+
+    def _from_grip(self, name: str) -> float:
+        return float(np.linalg.norm(self.data.xpos[self._gripper] - self.data.xpos[self._bodies[name]]))
+
+    def drop(self, grip: float) -> float:
+        """Return how far the grip is above the middle of what is held, m."""
+        return float(self.data.xpos[self._gripper][2]) - self.where(self.held)[2]
+
+    def slipped(self, name: str, grip: float) -> bool:
+        """Return whether the gripper has lost a thing that it lifts."""
+        below = float(self.data.xpos[self._gripper][2]) - self.where(name)[2]
+        return below > grip + 0.02 or self._from_grip(name) > 0.08
+
+    # What is seen --------------------------------------------------------------------------------
+
+    def _observation(self) -> Observation:
+        x, y, heading = self.pose
+        seen = [
+            x, y, cos(heading), sin(heading), self.battery, self.opening,
+            self._walker[0], self._walker[1], float(self.hit), self.tilt("glass"),
+        ]  # fmt: skip
+        for name in THINGS:
+            state = name == self.held, self.tidy[name], self.lost[name]
+            seen += [*self.where(name), *map(float, state)]
+        return np.clip(np.array(seen, dtype=np.float32), -10.0, 10.0)
+
+    def _info(self) -> dict[str, Any]:
+        return {
+            "unsafe": self._damaged(),
+            "hit": self.hit,
+            "spilled": self.spilled,
+            "empty": self.battery <= 0.0,
+            "dropped": sum(self.lost.values()),
+            "tidied": sum(self.tidy.values()),
+            "seconds": round(self.seconds, 3),
+        }
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture in the mode `rgb_array`."""
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode draws nothing")
+            return None
+        return self.picture()
+
+    def picture(self, width: int = 480, height: int = 360) -> NDArray[np.uint8]:
+        if self._renderer is None:
+            self._renderer = mujoco.Renderer(self.model, height, width)
+        self._renderer.update_scene(self.data, "room")
+        return self._renderer.render()
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
