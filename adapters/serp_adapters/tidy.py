@@ -17,7 +17,9 @@ from serp_adapters.domains import domain_file
 if find_spec("mujoco") is None:
     raise MissingExtra("the tidying robot (`tidy`)", "mujoco")
 
-from serp_envs.tidy import FACING, MACROS, OBSERVED, PLACES, ROOM, SPILL, TABLE, THINGS
+from serp_envs.tidy import FACING, MACROS, OBSERVED, PLACES, ROOM, SPILL, TABLE, THINGS, Pose
+
+Numbers = NDArray[np.float64]
 
 
 def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -27,9 +29,9 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         observation: Of shape `(..., 34)`, as `serp_envs.tidy.TidyRoom` describes it.
 
     Returns:
-        float64 of shape `(..., 29)`, in the order of the domain file; truth values are 0 and 1.
+        float64 of shape `(..., 32)`, in the order of the domain file; truth values are 0 and 1.
     """
-    seen = np.asarray(observation, dtype=np.float64)
+    seen: Numbers = np.asarray(observation, dtype=np.float64)
     number = {name: seen[..., k] for k, name in enumerate(OBSERVED)}
     x, y = number["x"], number["y"]
     at = {}
@@ -40,7 +42,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         at[place] = (abs(x - pose.x) < near_x) & (abs(y - pose.y) < near_y) & (facing > FACING)
     on_table, ahead = [], []
     for name in THINGS:
-        rests = (number[f"z {name}"] > TABLE) & (number[f"x {name}"] < -2.1)
+        rests = (number[f"z {name}"] > TABLE) & (number[f"x {name}"] < -2.15)
         on_table.append(rests & (number[f"held {name}"] < 0.5))
         ahead.append(at["table"] & on_table[-1] & (abs(number[f"y {name}"] - y) < 0.05))
     columns = [
@@ -52,9 +54,18 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         number["tilt glass"] > SPILL,
         number["battery"],
         number["opening"],
-        np.hypot(number["person-x"] - x, number["person-y"] - y),
+        *(_gap(number, x, y, pose) for pose in PLACES.values()),
     ]
     return np.stack([np.asarray(column, dtype=np.float64) for column in columns], axis=-1)
+
+
+def _gap(number: dict[str, Numbers], x: Numbers, y: Numbers, to: Pose) -> Numbers:
+    """Return the distance of the person from the straight way to a place, m."""
+    way_x, way_y = to.x - x, to.y - y
+    px, py = number["person-x"] - x, number["person-y"] - y
+    along = (px * way_x + py * way_y) / np.maximum(way_x**2 + way_y**2, 1e-9)
+    share = np.clip(along, 0.0, 1.0)
+    return np.hypot(px - share * way_x, py - share * way_y)
 
 
 def task() -> serp.Task:

@@ -2,7 +2,7 @@
 
 from serp_envs.tidy.controllers import MACROS
 from serp_envs.tidy.environment import OBSERVED, SPILL, TidyRoom
-from serp_envs.tidy.room import FACING, PLACES, ROOM, TABLE, THINGS
+from serp_envs.tidy.room import FACING, PLACES, ROOM, TABLE, THINGS, Pose, Thing
 
 __all__ = [
     "FACING",
@@ -13,5 +13,7 @@ __all__ = [
     "SPILL",
     "TABLE",
     "THINGS",
+    "Pose",
+    "Thing",
     "TidyRoom",
 ]

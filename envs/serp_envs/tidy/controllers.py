@@ -12,6 +12,7 @@ from serp_envs.tidy.room import (
     HANDLE,
     PLACES,
     REACH,
+    ROW,
     SPREAD,
     STROKE,
     TABLE,
@@ -31,6 +32,8 @@ FIELD: Final = 0.85
 """A drive stops while the person is nearer than this on the way ahead, m."""
 PATIENCE: Final = 3.0
 """A drive that is blocked gives up after this time, s."""
+LONGEST: Final = 15.0
+"""So does one that does not arrive within this time, s."""
 CARRY: Final = 1.10
 """Height of the gripper while driving, m."""
 ROOM_TO_PLACE: Final = 0.2
@@ -63,7 +66,7 @@ def _steer(env: TidyRoom, goal: Pose, limits: tuple[float, float], scan: bool) -
     """Drive straight to a pose, turning on the way; where the person is in the way, wait."""
     top, acceleration = limits
     speed, blocked = 0.0, 0.0
-    while True:
+    for _ in range(round(LONGEST / PERIOD)):
         x, y, heading = env.pose
         dx, dy = goal.x - x, goal.y - y
         turn, far = remainder(goal.heading - heading, tau), hypot(dx, dy)
@@ -97,13 +100,12 @@ def _drive(place: str, limits: tuple[float, float], scan: bool) -> Controller:
 def _approach(name: str) -> Controller:
     def run(env: TidyRoom) -> Iterator[None]:
         """Move along the table until the thing is straight ahead."""
-        x, y, z = env.where(name)
-        if not env.at("table") or z < TABLE or abs(y) > 0.8 or x > -2.1:
+        if not env.at("table") or not env.on_table(name):
             yield from _pause(env, 0.5)
             return
         yield from _reach(env, CARRY, 0.0)
         error = env.np_random.normal(0.0, 0.006)
-        place = PLACES["table"]
+        place, y = PLACES["table"], env.where(name)[1]
         yield from _steer(env, Pose(place.x, y + error, place.heading), (0.3, 0.5), True)
 
     return run
@@ -144,7 +146,7 @@ def _place(env: TidyRoom, where: str, support: float, aside: float, far: float) 
     c, s = cos(place.heading), sin(place.heading)
     beside = Pose(place.x - aside * s, place.y + aside * c, place.heading)
     low = support + thing.half + env.drop(thing.grip)
-    yield from _reach(env, max(low + 0.1, CARRY if where == "drawer" else 0.0), 0.0)
+    yield from _reach(env, max(low + 0.1, 0.0 if where == "shelf" else CARRY), 0.0)
     yield from _steer(env, beside, (0.3, 0.5), True)
     yield from _reach(env, env.lift, far - REACH)
     yield from _reach(env, low + 0.008, far - REACH, 0.3)
@@ -171,6 +173,16 @@ def _place_in_drawer(env: TidyRoom) -> Iterator[None]:
     # In the middle between the front and the cabinet.
     far = 2.19 - 0.5 * env.opening - PLACES["drawer"].x
     yield from _place(env, "drawer", FLOOR, aside, far)
+
+
+def _put_back(env: TidyRoom) -> Iterator[None]:
+    """Put down on the table, where most room is."""
+    if not env.held or not env.at("table"):
+        yield from _pause(env, 0.5)
+        return
+    stand = [env.where(name)[1] for name in THINGS if name != env.held and env.on_table(name)]
+    y = max(SPREAD, key=lambda y: min((abs(y - other) for other in stand), default=1.0))
+    yield from _place(env, "table", TABLE, -y, PLACES["table"].x - ROW)
 
 
 def _open_drawer(env: TidyRoom) -> Iterator[None]:
@@ -226,10 +238,10 @@ MACROS: Final[dict[str, Controller]] = {
     **{f"grasp {name}": _grasp(name) for name in THINGS},
     "place-on-shelf": _place_on_shelf,
     "place-in-drawer": _place_in_drawer,
+    "put-back": _put_back,
     "open-drawer": _open_drawer,
     "close-drawer": _close_drawer,
     "wait": _wait,
     "charge": _charge,
 }
 """The macro-actions by name, in the order of the actions."""
-assert len(SPREAD) == len(THINGS)

@@ -47,7 +47,7 @@ OBSERVED: Final = (
 """Names of the numbers of an observation, see `TidyRoom`."""
 TIDY: Final = 1.0
 DONE: Final = 1.0
-SECOND: Final = 0.02
+SECOND: Final = 0.01
 LOST: Final = 0.5
 DAMAGE: Final = 5.0
 """Rewards: a thing in its place; all of them and the drawer closed; minus: a second; a thing on the
@@ -257,6 +257,11 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         """Return the position of a thing, m."""
         x, y, z = self.data.xpos[self._bodies[name]].tolist()
         return x, y, z
+
+    def on_table(self, name: str) -> bool:
+        """Return whether a thing lies on the table."""
+        x, y, z = self.where(name)
+        return z > TABLE and x < -2.15 and abs(y) < 0.85 and name != self.held
 
     def from_base(self, name: str) -> tuple[float, float, float]:
         """Return how far ahead, to the left and how high a thing is, m."""
