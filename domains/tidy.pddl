@@ -14,7 +14,7 @@
     (on-table ?t - thing)
     (held ?t - thing)
     (tidy ?t - thing)      ; it is where it belongs
-    (lost ?t - thing)      ; it lies on the floor, out of reach
+    (lost ?t - thing)      ; it fell, and the arm cannot pick it up
     (empty-handed)
     (hit) (spilled)        ; the robot ran into the person, the full glass was tilted
     (unsafe)               ; avoided as long as anything else is possible
@@ -38,7 +38,7 @@
     :precondition (and (not (at ?p)))
     :effect (and (at ?p) (decrease (battery) 0.05) (decrease (reward) 0.03)
       (forall (?q - place) (not (at ?q))) (forall (?t - thing) (not (ahead ?t)))
-      (when (or (held glass) (< (gap ?p) 1.4)) (unsafe))))
+      (when (or (held glass) (< (gap ?p) 1.8)) (unsafe))))
 
   (:action approach
     :parameters (?t - thing)

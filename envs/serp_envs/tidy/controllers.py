@@ -36,6 +36,8 @@ LONGEST: Final = 15.0
 """So does one that does not arrive within this time, s."""
 CARRY: Final = 1.10
 """Height of the gripper while driving, m."""
+FIRM: Final = 20.0
+"""Force of a finger that holds what has been lifted, N."""
 ROOM_TO_PLACE: Final = 0.2
 """The drawer has to be open so far to put something in, m."""
 
@@ -134,6 +136,7 @@ def _grasp(name: str) -> Controller:
             yield from _reach(env, height, 0.0)
         else:
             env.held = name
+            env.hold(FIRM)
             yield from _reach(env, CARRY, far, 0.3)
         yield from _reach(env, CARRY, 0.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from math import acos, cos, exp, hypot, sin
+from math import acos, cos, dist, hypot, sin
 from typing import Any, Final, SupportsInt
 
 import gymnasium as gym
@@ -52,10 +52,20 @@ LOST: Final = 0.5
 DAMAGE: Final = 5.0
 """Rewards: a thing in its place; all of them and the drawer closed; minus: a second; a thing on the
 floor; the person hit, the glass spilled, the battery empty."""
+LYING: Final = 0.8
+"""A thing that is tilted so far lies on its side, and the arm cannot pick it up, rad."""
+GENTLE: Final = 9.0
+"""Force of a finger that closes, N; what has been lifted is held twice as fast."""
+STICK: Final = (0.4, 1.2)
+"""Bounds of the factor of friction that each grasp draws."""
 SPILL: Final = 0.35
 """The full glass spills when tilted so far, rad."""
 PACE: Final = 0.5
 """Speed of the person, m/s."""
+PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.1
+"""A drive passes the person at this distance, m."""
+NOTICED: Final = 0.65
+"""The person walks round a robot that is slower than this, m/s."""
 DRAIN: Final = (0.0012, 0.006)
 """Battery used in a second, and for a metre at 1 m/s; twice as much a metre at twice the speed."""
 CHARGE: Final = 0.08
@@ -108,6 +118,8 @@ class TidyRoom(gym.Env[Observation, np.int64]):
             if finger in fingers and other in others
         }
         self._renderer: Any = None
+        self._axes, self._places = self.data.xmat, self.data.xpos
+        self._qpos, self._qvel, self._ctrl = self.data.qpos, self.data.qvel, self.data.ctrl
         self._gripper = model.body("arm").id
 
     # Episodes ------------------------------------------------------------------------------------
@@ -118,7 +130,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         """Start an episode."""
         super().reset(seed=seed)
         rng, model, data = self.np_random, self.model, self.data
-        self._friction = {"handle": 1.0}
+        self._friction = {"handle": 1.2}
         ys = rng.permutation(SPREAD) + rng.uniform(-0.05, 0.05, len(SPREAD))
         for name, thing in THINGS.items():
             mass = rng.uniform(*thing.mass)
@@ -137,15 +149,17 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         data.qpos[self._base + 2] = rng.uniform(-3.0, 3.0)
         data.joint("lift").qpos = self.lift
         self.battery, self.charging = float(rng.uniform(0.35, 0.7)), False
-        self._walker = rng.uniform(*zip(*WALK, strict=True))
-        self._walker[1] = abs(self._walker[1])
-        self._waypoint, self._rest = self._walker.copy(), 0.0
+        x, y = self._somewhere()
+        self.person = x, abs(y)
+        self._waypoint, self._rest = self.person, 0.0
+        data.mocap_pos[0, :2] = self.person
         self.close_gripper(False)
+        self._stick = 1.0
+        self._set_friction()
         self.tidy = dict.fromkeys(THINGS, False)
         self.lost = dict.fromkeys(THINGS, False)
         self.hit = self.spilled = False
         self.seconds = 0.0
-        self._wear_in()
         self._tick()
         return self._observation(), self._info()
 
@@ -154,7 +168,6 @@ class TidyRoom(gym.Env[Observation, np.int64]):
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Run a macro-action to its end, or to the end of the episode."""
         assert self.action_space.contains(action), f"{action!r} is an invalid action"
-        self._wear_in()
         before, tidied, lost = self.seconds, sum(self.tidy.values()), sum(self.lost.values())
         for _ in list(MACROS.values())[int(action)](self):
             self._tick()
@@ -177,31 +190,29 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         """Whether nothing is left to do: each thing in its place or lost, the drawer closed."""
         return self.opening < 0.04 and all(self.tidy[n] or self.lost[n] for n in THINGS)
 
-    def _wear_in(self) -> None:
-        """Set the friction of the gripper, which may be changed at any time."""
+    def _set_friction(self) -> None:
         for pair, other in self._pairs.items():
-            self.model.pair_friction[pair, :2] = self._friction[other] * (1.0 - self.wear)
+            friction = self._friction[other] * self._stick * (1.0 - self.wear)
+            self.model.pair_friction[pair, :2] = friction
 
     def _tick(self) -> None:
         """Advance the physics by a control period."""
         data = self.data
-        data.ctrl[:3] = self.velocity
-        data.ctrl[3], data.ctrl[4] = self.lift, self.arm
-        speed = hypot(*data.qvel[self._base_dof : self._base_dof + 2])
+        self._ctrl[:5] = *self.velocity, self.lift, self.arm
+        speed = hypot(*self._qvel[self._base_dof : self._base_dof + 2].tolist())
         self._walk(speed)
-        data.mocap_pos[0, :2] = self._walker
         mujoco.mj_step(self.model, data, _SUBSTEPS)
         self.seconds += PERIOD
         self.battery -= PERIOD * (DRAIN[0] + DRAIN[1] * speed * max(1.0, speed))
         if self.charging:
             self.battery = min(1.0, self.battery + CHARGE * PERIOD)
         self.battery = max(self.battery, 0.0)
-        if data.ncon and speed > 0.05:
+        if speed > 0.05 and self._near < 1.0:
             pairs = data.contact.geom
             touched = pairs[(pairs == self._person).any(axis=1)]
             self.hit |= any(int(geom) in self._geoms for geom in touched.ravel())
         glass = self._bodies["glass"]
-        self.spilled |= bool(data.xmat[glass, 8] < cos(SPILL)) or self.where("glass")[2] < 0.4
+        self.spilled |= bool(self._axes[glass, 8] < cos(SPILL) or self._places[glass, 2] < 0.4)
         if self.held and self._from_grip(self.held) > 0.12:
             self.held = ""
         if self.on_tick is not None:
@@ -209,53 +220,58 @@ class TidyRoom(gym.Env[Observation, np.int64]):
 
     def _walk(self, speed: float) -> None:
         """Move the person: to a waypoint, a rest, the next one; a slow robot is walked round."""
+        (px, py), (x, y, _) = self.person, self.pose
+        self._near = hypot(px - x, py - y)
         if self._rest > 0.0:
             self._rest -= PERIOD
             return
-        way = self._waypoint - self._walker
-        far = hypot(*way)
+        way_x, way_y = self._waypoint[0] - px, self._waypoint[1] - py
+        far = hypot(way_x, way_y)
         if far < PACE * PERIOD:
             self._rest = float(self.np_random.uniform(0.0, 4.0))
-            self._waypoint = self.np_random.uniform(*zip(*WALK, strict=True))
+            self._waypoint = self._somewhere()
             return
-        there = self._walker + way * (PACE * PERIOD / far)
-        x, y, _ = self.pose
+        there = px + way_x * PACE * PERIOD / far, py + way_y * PACE * PERIOD / far
         near = hypot(there[0] - x, there[1] - y)
-        if near < BASE_RADIUS + PERSON_RADIUS + 0.15 and speed < 0.65:
-            if near < hypot(self._walker[0] - x, self._walker[1] - y):
-                self._waypoint = self.np_random.uniform(*zip(*WALK, strict=True))
-                return
-        self._walker = there
+        if near < min(self._near, BASE_RADIUS + PERSON_RADIUS + 0.15) and speed < NOTICED:
+            self._waypoint = self._somewhere()
+            return
+        self.person = there
+        self.data.mocap_pos[0, :2] = there
+
+    def _somewhere(self) -> tuple[float, float]:
+        x, y = self.np_random.uniform(*zip(*WALK, strict=True)).tolist()
+        return x, y
 
     def _look(self) -> None:
         """Judge which things are in their places, and which are on the floor."""
         for name, thing in THINGS.items():
-            x, y, z = self.where(name)
-            self.lost[name] |= z < 0.4
             if name == self.held:
                 continue
+            x, y, z = self.where(name)
+            self.lost[name] |= z < 0.4 or self.tilt(name) > LYING
             if thing.place == "shelf":
                 there = z > BOARD and y > 2.2
             else:
                 there = FLOOR < z < TABLE and x > 1.7
-            self.tidy[name] |= there
+            self.tidy[name] |= there and not self.lost[name]
 
     # What controllers use ------------------------------------------------------------------------
 
     @property
     def pose(self) -> tuple[float, float, float]:
         """Position (m) and heading (rad) of the base."""
-        x, y, heading = self.data.qpos[self._base : self._base + 3].tolist()
+        x, y, heading = self._qpos[self._base : self._base + 3].tolist()
         return x, y, heading
 
     @property
     def opening(self) -> float:
         """How far the drawer is open, m."""
-        return float(self.data.qpos[self._opening])
+        return float(self._qpos[self._opening])
 
     def where(self, name: str) -> tuple[float, float, float]:
         """Return the position of a thing, m."""
-        x, y, z = self.data.xpos[self._bodies[name]].tolist()
+        x, y, z = self._places[self._bodies[name]].tolist()
         return x, y, z
 
     def on_table(self, name: str) -> bool:
@@ -272,7 +288,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
 
     def tilt(self, name: str) -> float:
         """Return the angle between a thing's axis and the vertical, rad."""
-        return acos(min(1.0, max(-1.0, float(self.data.xmat[self._bodies[name], 8]))))
+        return acos(min(1.0, max(-1.0, float(self._axes[self._bodies[name], 8]))))
 
     def at(self, place: str) -> bool:
         """Return whether the base stands at a place, facing it, so near that the arm can work."""
@@ -286,30 +302,41 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         )
 
     def person_ahead(self, dx: float, dy: float, field: float) -> bool:
-        """Return whether the person is nearer than `field` within 60° of a direction."""
+        """Return whether the person is on the way in a direction, nearer than `field`."""
         x, y, _ = self.pose
-        px, py = self._walker[0] - x, self._walker[1] - y
-        far, way = hypot(px, py), hypot(dx, dy)
-        return far < field and px * dx + py * dy > 0.5 * far * way
+        px, py, way = self.person[0] - x, self.person[1] - y, hypot(dx, dy)
+        along, beside = px * dx + py * dy, abs(px * dy - py * dx)
+        return hypot(px, py) < field and along > 0.0 and beside < PASS * way
 
     def count(self, place: str) -> int:
         """Return how many things are in a place."""
         return sum(self.tidy[name] for name, thing in THINGS.items() if thing.place == place)
 
     def close_gripper(self, closed: bool) -> None:
-        """Set the fingers' targets; closing stops at what is between them."""
-        self.data.ctrl[5:7] = 0.055 if closed else 0.0
+        """Set the fingers' targets; closing stops at what is between them.
+
+        How well the pads stick depends on where they meet a surface: dry here, damp there.
+        """
+        if closed:
+            self._stick = float(self.np_random.uniform(*STICK))
+            self._set_friction()
+        self._ctrl[5:7] = 0.055 if closed else 0.0
+        self.hold(GENTLE)
+
+    def hold(self, force: float) -> None:
+        """Set the largest force of a finger, N."""
+        self.model.actuator_forcerange[5:7] = -force, force
 
     def _from_grip(self, name: str) -> float:
-        return float(np.linalg.norm(self.data.xpos[self._gripper] - self.data.xpos[self._bodies[name]]))
+        return dist(self._places[self._gripper].tolist(), self.where(name))
 
     def drop(self, grip: float) -> float:
         """Return how far the grip is above the middle of what is held, m."""
-        return float(self.data.xpos[self._gripper][2]) - self.where(self.held)[2]
+        return float(self._places[self._gripper][2]) - self.where(self.held)[2]
 
     def slipped(self, name: str, grip: float) -> bool:
         """Return whether the gripper has lost a thing that it lifts."""
-        below = float(self.data.xpos[self._gripper][2]) - self.where(name)[2]
+        below = float(self._places[self._gripper][2]) - self.where(name)[2]
         return below > grip + 0.02 or self._from_grip(name) > 0.08
 
     # What is seen --------------------------------------------------------------------------------
@@ -318,7 +345,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         x, y, heading = self.pose
         seen = [
             x, y, cos(heading), sin(heading), self.battery, self.opening,
-            self._walker[0], self._walker[1], float(self.hit), self.tilt("glass"),
+            *self.person, float(self.hit), self.tilt("glass"),
         ]  # fmt: skip
         for name in THINGS:
             state = name == self.held, self.tidy[name], self.lost[name]

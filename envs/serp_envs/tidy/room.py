@@ -35,10 +35,10 @@ class Pose(NamedTuple):
 
 
 THINGS: Final = {
-    "block": Thing("drawer", 0.026, 0.05, (0.2, 0.5), (0.5, 0.9)),
-    "can": Thing("drawer", 0.033, 0.055, (0.3, 0.7), (0.45, 0.8)),
-    "bottle": Thing("shelf", 0.036, 0.11, (0.5, 1.0), (0.5, 0.9)),
-    "glass": Thing("shelf", 0.031, 0.07, (0.3, 0.5), (0.5, 0.9), 0.035),
+    "block": Thing("drawer", 0.026, 0.05, (0.3, 0.6), (0.45, 0.8)),
+    "can": Thing("drawer", 0.033, 0.055, (0.4, 0.8), (0.45, 0.8)),
+    "bottle": Thing("shelf", 0.036, 0.11, (0.5, 0.9), (0.45, 0.8)),
+    "glass": Thing("shelf", 0.031, 0.07, (0.4, 0.6), (0.45, 0.8), 0.035),
 }
 """What lies on the table at the start, by name. The glass is full."""
 PLACES: Final = {
@@ -77,7 +77,7 @@ REACH: Final = 0.42
 """Distance from the middle of the base to the grip while the arm is retracted, m."""
 STROKE: Final = 0.50
 """Way of the arm, m."""
-TIMESTEP: Final = 0.005
+TIMESTEP: Final = 0.01
 """Step of the physics, s."""
 
 
@@ -103,7 +103,7 @@ def _pairs() -> str:
     """Contacts of the gripper have a friction of their own, which wears."""
     held = "".join(
         f'<pair geom1="{side}" geom2="{thing}" condim="4" friction=".7 .7 .004 .0001 .0001" '
-        'solref=".01 1"/>'
+        'solref=".02 1"/>'
         for thing in (*THINGS, "handle")
         for side in ("left", "right")
     )
@@ -204,8 +204,8 @@ XML: Final = f"""
     <velocity name="heading" joint="heading" kv="60"/>
     <position name="lift" joint="lift" kp="3000" kv="250"/>
     <position name="arm" joint="arm" kp="2000" kv="150"/>
-    <position name="left" joint="left" kp="600" kv="15" forcerange="-12 12"/>
-    <position name="right" joint="right" kp="600" kv="15" forcerange="-12 12"/>
+    <position name="left" joint="left" kp="600" kv="15" forcerange="-10 10"/>
+    <position name="right" joint="right" kp="600" kv="15" forcerange="-10 10"/>
   </actuator>
 </mujoco>
 """
