@@ -5,9 +5,7 @@
                  :conditional-effects :universal-preconditions :numeric-fluents)
   (:types place thing - object
           small tall - thing)  ; the small ones belong in the drawer, the tall ones on the shelf
-  (:constants table drawer shelf charger - place
-              block can - small
-              bottle glass - tall)
+  (:constants table drawer shelf charger - place block can - small bottle glass - tall)
   (:predicates
     (at ?p - place)
     (ahead ?t - thing)     ; the robot stands straight before it
@@ -16,7 +14,7 @@
     (tidy ?t - thing)      ; it is where it belongs
     (lost ?t - thing)      ; it fell, and the arm cannot pick it up
     (empty-handed)
-    (hit) (spilled)        ; the robot ran into the person, the full glass was tilted
+    (hit) (spilled)        ; the robot ran into the person, the full glass spilled
     (unsafe)               ; avoided as long as anything else is possible
     (terminal))            ; the episode ends here
   (:functions
@@ -32,7 +30,7 @@
     :effect (and (at ?p) (decrease (battery) 0.03) (decrease (reward) 0.06)
       (forall (?q - place) (not (at ?q))) (forall (?t - thing) (not (ahead ?t)))))
 
-  ; Faster, but it stops for nobody, and a glass does not stay upright.
+  ; Faster, but it stops for nobody, and a full glass spills.
   (:action rush
     :parameters (?p - place)
     :precondition (and (not (at ?p)))

@@ -17,7 +17,7 @@ from serp_adapters.domains import domain_file
 if find_spec("mujoco") is None:
     raise MissingExtra("the tidying robot (`tidy`)", "mujoco")
 
-from serp_envs.tidy import FACING, MACROS, OBSERVED, PLACES, ROOM, SPILL, TABLE, THINGS, Pose
+from serp_envs.tidy import FACING, MACROS, OBSERVED, PLACES, ROOM, TABLE, THINGS, Pose
 
 Numbers = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Return the fluents of an observation, or of a batch of them.
 
     Args:
-        observation: Of shape `(..., 34)`, as `serp_envs.tidy.TidyRoom` describes it.
+        observation: Of shape `(..., 35)`, as `serp_envs.tidy.TidyRoom` describes it.
 
     Returns:
         float64 of shape `(..., 32)`, in the order of the domain file; truth values are 0 and 1.
@@ -51,7 +51,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         *on_table,
         *(number[f"{what} {name}"] for what in ("held", "tidy", "lost") for name in THINGS),
         number["hit"],
-        number["tilt glass"] > SPILL,
+        number["spilled"],
         number["battery"],
         number["opening"],
         *(_gap(number, x, y, pose) for pose in PLACES.values()),

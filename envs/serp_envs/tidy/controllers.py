@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 PERIOD: Final = 0.05
 """A controller sets its targets this often, s."""
 DRIVE: Final = (0.6, 0.6)
-RUSH: Final = (1.4, 4.0)
+RUSH: Final = (1.4, 5.0)
 """Largest speed and acceleration of driving, m/s and m/s²."""
 FIELD: Final = 0.85
 """A drive stops while the person is nearer than this on the way ahead, m."""

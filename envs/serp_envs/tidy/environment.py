@@ -41,7 +41,7 @@ Observation = NDArray[np.float32]
 
 OBSERVED: Final = (
     "x", "y", "cos-heading", "sin-heading", "battery", "opening", "person-x", "person-y",
-    "hit", "tilt glass",
+    "hit", "spilled", "tilt glass",
     *(f"{what} {name}" for name in THINGS for what in ("x", "y", "z", "held", "tidy", "lost")),
 )  # fmt: skip
 """Names of the numbers of an observation, see `TidyRoom`."""
@@ -59,7 +59,9 @@ GENTLE: Final = 9.0
 STICK: Final = (0.4, 1.2)
 """Bounds of the factor of friction that each grasp draws."""
 SPILL: Final = 0.35
-"""The full glass spills when tilted so far, rad."""
+"""What is in the full glass spills when its surface leans so far in it, rad."""
+GRAVITY: Final = 9.81
+"""m/s²."""
 PACE: Final = 0.5
 """Speed of the person, m/s."""
 PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.1
@@ -75,9 +77,63 @@ _SUBSTEPS: Final = round(PERIOD / TIMESTEP)
 
 
 class TidyRoom(gym.Env[Observation, np.int64]):
-    """A mobile manipulator clears a table into a drawer and a shelf.
+    """A mobile manipulator clears a table into a drawer and a shelf, around a person.
 
-    TODO
+    ## Description
+
+    A base on wheels carries a lift, a telescopic arm and a gripper with two fingers. Four things
+    stand on a table: a block and a can belong into a drawer, a bottle and a full glass onto a
+    shelf. A person walks between them. An action is a controller (`MACROS`) that sets the targets
+    of the actuators every 0.05 s until it is done; MuJoCo does the rest. Nothing fails by a coin:
+
+    * A grasp slips where friction does not bear the weight. Mass and friction of a thing are drawn
+      for an episode, and how well the pads stick for every grasp. `wear` takes friction away.
+    * A thing that a finger hits falls over, since the robot knows its place to a centimetre.
+    * A drive stops before the person, and gives up after 3 s. A rush (1.4 m/s instead of 0.6) does
+      not look. The person walks round a robot that is slower than 0.65 m/s.
+    * What is in the glass leans where the glass is tilted or the base accelerates. A drive does
+      so by 1.2 m/s² at most, a rush by 5 m/s², which spills it.
+    * Out of reach, with a full gripper, before a closed drawer a controller gives up at once.
+
+    ## Action space
+
+    `Discrete(23)`, in the order of `MACROS`: `drive` and `rush` to each of the four places
+    (`PLACES`), `approach` and `grasp` each of the four things (`THINGS`), `place-on-shelf`,
+    `place-in-drawer`, `put-back` (onto the table), `open-drawer`, `close-drawer`, `wait` (1 s) and
+    `charge` (10 s at most). They last 0.5 to 20 s.
+
+    ## Observation space
+
+    `Box` of shape `(35,)`, float32, named by `OBSERVED`: position (m) and heading of the base,
+    battery (0 to 1), opening of the drawer (m), position of the person, whether the robot has hit
+    the person, whether the glass is spilled, its tilt (rad); for each thing its position (m) and whether it is held,
+    tidy and lost.
+
+    ## Reward
+
+    1 for each thing in its place, 1 when all are there and the drawer is closed, −0.01 for a
+    second, −0.5 for a thing that fell over or down, −5 for damage.
+
+    ## Episode end
+
+    1. Termination: everything is tidy or lost, and the drawer is closed.
+    2. Termination, with `info["unsafe"]`: the robot has run into the person (`hit`), the surface in
+       the glass leans by more than 0.35 rad (`spilled`), the battery is empty (`empty`).
+    3. Truncation: after 80 decisions, by the `TimeLimit` of `gymnasium.make`.
+
+    Equal seeds give equal episodes bit for bit, on one version of MuJoCo.
+
+    ## Arguments
+
+    * `render_mode`: `None` or `"rgb_array"` (uint8 of shape `(360, 480, 3)`), which needs OpenGL,
+      but no screen and no GPU.
+    * `wear`: share of its friction that the gripper has lost; the attribute `wear` may be changed
+      at any time.
+
+    Attributes:
+        wear: See above.
+        on_tick: Called after every 0.05 s, for films; None: nothing is.
+        seconds: Age of the episode.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
@@ -101,6 +157,10 @@ class TidyRoom(gym.Env[Observation, np.int64]):
             name: int(model.joint(model.body(name).jntadr[0]).qposadr[0]) for name in THINGS
         }
         self._bodies = {name: model.body(name).id for name in THINGS}
+        self._shape = {
+            name: model.body_inertia[body] / model.body_mass[body]
+            for name, body in self._bodies.items()
+        }
         self._opening = int(model.joint("drawer").qposadr[0])
         self._base = int(model.joint("x").qposadr[0])
         self._base_dof = int(model.joint("x").dofadr[0])
@@ -111,10 +171,12 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         self._pairs = {
             pair: others[other]
             for pair in range(model.npair)
-            for finger, other in (sorted(
-                (int(model.pair_geom1[pair]), int(model.pair_geom2[pair])),
-                key=lambda geom: geom not in fingers,
-            ),)
+            for finger, other in (
+                sorted(
+                    (int(model.pair_geom1[pair]), int(model.pair_geom2[pair])),
+                    key=lambda geom: geom not in fingers,
+                ),
+            )
             if finger in fingers and other in others
         }
         self._renderer: Any = None
@@ -135,7 +197,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         for name, thing in THINGS.items():
             mass = rng.uniform(*thing.mass)
             body = self._bodies[name]
-            model.body_inertia[body] *= mass / model.body_mass[body]
+            model.body_inertia[body] = mass * self._shape[name]
             model.body_mass[body] = mass
             self._friction[name] = rng.uniform(*thing.friction)
         mujoco.mj_setConst(model, data)
@@ -143,7 +205,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         for (name, thing), y in zip(THINGS.items(), ys, strict=True):
             at = self._addresses[name]
             data.qpos[at : at + 3] = ROW + rng.uniform(-0.03, 0.03), y, TABLE + thing.half
-        self.velocity = (0.0, 0.0, 0.0)
+        self.velocity, self._velocity = (0.0, 0.0, 0.0), [0.0, 0.0]
         self.lift, self.arm, self.held = 1.1, 0.0, ""
         data.qpos[self._base : self._base + 2] = rng.uniform((-0.6, -1.7), (0.6, -1.4))
         data.qpos[self._base + 2] = rng.uniform(-3.0, 3.0)
@@ -163,9 +225,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         self._tick()
         return self._observation(), self._info()
 
-    def step(
-        self, action: SupportsInt
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Run a macro-action to its end, or to the end of the episode."""
         assert self.action_space.contains(action), f"{action!r} is an invalid action"
         before, tidied, lost = self.seconds, sum(self.tidy.values()), sum(self.lost.values())
@@ -211,12 +271,28 @@ class TidyRoom(gym.Env[Observation, np.int64]):
             pairs = data.contact.geom
             touched = pairs[(pairs == self._person).any(axis=1)]
             self.hit |= any(int(geom) in self._geoms for geom in touched.ravel())
-        glass = self._bodies["glass"]
-        self.spilled |= bool(self._axes[glass, 8] < cos(SPILL) or self._places[glass, 2] < 0.4)
+        self._slosh()
         if self.held and self._from_grip(self.held) > 0.12:
             self.held = ""
         if self.on_tick is not None:
             self.on_tick()
+
+    def _slosh(self) -> None:
+        """Spill what is in the glass if its surface is too steep in it, or the glass lies below.
+
+        The surface is perpendicular to gravity and acceleration together (d'Alembert). The
+        acceleration of a held glass is that of the base, as the mean of a control period.
+        """
+        velocity = self._qvel[self._base_dof : self._base_dof + 2].tolist()
+        push_x, push_y = (
+            (velocity[k] - self._velocity[k]) / PERIOD if self.held == "glass" else 0.0
+            for k in range(2)
+        )
+        self._velocity = velocity
+        body = self._bodies["glass"]
+        x, y, z = self._axes[body, 2::3].tolist()
+        upwards = (x * push_x + y * push_y + z * GRAVITY) / hypot(push_x, push_y, GRAVITY)
+        self.spilled |= upwards < cos(SPILL) or bool(self._places[body, 2] < 0.4)
 
     def _walk(self, speed: float) -> None:
         """Move the person: to a waypoint, a rest, the next one; a slow robot is walked round."""
@@ -345,7 +421,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         x, y, heading = self.pose
         seen = [
             x, y, cos(heading), sin(heading), self.battery, self.opening,
-            *self.person, float(self.hit), self.tilt("glass"),
+            *self.person, float(self.hit), float(self.spilled), self.tilt("glass"),
         ]  # fmt: skip
         for name in THINGS:
             state = name == self.held, self.tidy[name], self.lost[name]
@@ -371,12 +447,25 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         return self.picture()
 
     def picture(self, width: int = 480, height: int = 360) -> NDArray[np.uint8]:
+        """Return a picture of the room; the first call sets the size.
+
+        Raises:
+            DependencyNotInstalled: There is no OpenGL.
+        """
         if self._renderer is None:
-            self._renderer = mujoco.Renderer(self.model, height, width)
+            try:
+                self._renderer = mujoco.Renderer(self.model, height, width)
+            except Exception as error:
+                raise DependencyNotInstalled(
+                    "MuJoCo found no OpenGL to draw with. Without a screen: `apt install libegl1 "
+                    "libgl1-mesa-dri` and MUJOCO_GL=egl, or `apt install libosmesa6` and "
+                    "MUJOCO_GL=osmesa"
+                ) from error
         self._renderer.update_scene(self.data, "room")
-        return self._renderer.render()
+        return np.asarray(self._renderer.render())
 
     def close(self) -> None:
+        """Free the picture's memory."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -118,17 +118,19 @@ XML: Final = f"""
 <mujoco model="tidy">
   <option timestep="{TIMESTEP}" integrator="implicitfast" cone="elliptic" impratio="10"
           iterations="20"/>
-  <visual><global offwidth="640" offheight="480"/><headlight ambient=".45 .45 .45"
+  <visual><global offwidth="640" offheight="480"/><map znear=".01"/><headlight ambient=".45 .45 .45"
           diffuse=".5 .5 .5"/></visual>
   <default><geom contype="0" conaffinity="0" friction=".5 .005 .0001"/></default>
   <asset>
+    <texture type="skybox" builtin="flat" rgb1=".96 .96 .97" rgb2=".96 .96 .97" width="32"
+             height="192"/>
     <texture name="tiles" type="2d" builtin="checker" rgb1=".86 .83 .78" rgb2=".8 .77 .72"
              width="200" height="200"/>
     <material name="tiles" texture="tiles" texrepeat="6 5"/>
   </asset>
   <worldbody>
     <light pos="0 0 4" dir="0 0 -1" diffuse=".5 .5 .5"/>
-    <camera name="room" pos="-.6 -4.6 4.3" xyaxes="1 .05 0 -.03 .66 .75" fovy="52"/>
+    <camera name="room" pos="-.1 -4.9 4.3" xyaxes="1 0 0 0 .69 .73" fovy="50"/>
     <geom name="ground" type="plane" size="3 2.5 .1" material="tiles" contype="1"
           conaffinity="1"/>
     <geom name="table" type="box" pos="-2.5 0 {TABLE - 0.02}" size=".3 .85 .02"
