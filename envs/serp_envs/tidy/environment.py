@@ -242,6 +242,10 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         reward += DONE * done - DAMAGE * damaged
         return self._observation(), reward, damaged or done, False, self._info()
 
+    def get_action_meanings(self) -> list[str]:
+        """Return the names of the actions."""
+        return [*MACROS]
+
     def _damaged(self) -> bool:
         return self.hit or self.spilled or self.battery <= 0.0
 
