@@ -106,8 +106,8 @@ class TidyRoom(gym.Env[Observation, np.int64]):
 
     `Box` of shape `(35,)`, float32, named by `OBSERVED`: position (m) and heading of the base,
     battery (0 to 1), opening of the drawer (m), position of the person, whether the robot has hit
-    the person, whether the glass is spilled, its tilt (rad); for each thing its position (m) and whether it is held,
-    tidy and lost.
+    the person, whether the glass is spilled, its tilt (rad); for each thing its position (m), and
+    whether it is held, tidy and lost.
 
     ## Reward
 
