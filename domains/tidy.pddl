@@ -68,8 +68,7 @@
   (:action close-drawer
     :precondition (and (at drawer) (empty-handed) (> (opening) 0.03))
     :effect (and (assign (opening) 0) (decrease (battery) 0.01) (decrease (reward) 0.06)))
-  (:action charge
-    :precondition (and (at charger) (< (battery) 0.9))
+  (:action charge :precondition (and (at charger) (< (battery) 0.9))
     :effect (and (assign (battery) 1) (decrease (reward) 0.08)))
   (:action wait :effect (and (decrease (reward) 0.01)))
 
@@ -85,6 +84,7 @@
   (:event all-tidy
     :precondition (and (< (opening) 0.04) (forall (?t - thing) (or (tidy ?t) (lost ?t))))
     :effect (and (increase (reward) 1) (terminal)))
-  (:event damage
-    :precondition (and (or (hit) (spilled) (<= (battery) 0)))
+  (:event low :precondition (and (< (battery) 0.15))
+    :effect (and (decrease (reward) 1)))  ; time to charge
+  (:event damage :precondition (and (or (hit) (spilled) (<= (battery) 0)))
     :effect (and (decrease (reward) 100) (unsafe) (terminal))))
