@@ -66,12 +66,12 @@
   ; What happens at certain points. An event is looked at after every step, once the world has moved
   ; on. Here they say what is good and what is bad about the place where the step has led.
 
-  (:event balance              ; one point for every step ...
+  (:event balance              ; one point for every step.
     :parameters ()
     :precondition (and)
     :effect (and (increase (reward) 1.0)))
 
-  (:event lean-right           ; ... minus the lean, relative to the 15 degrees that are allowed ...
+  (:event lean-right           ; costs the lean as a share of the 15 degrees that are allowed.
     :parameters ()
     :precondition (and (> (pole-angle) 0.0))
     :effect (and (decrease (reward) (/ (pole-angle) 0.2618))))
@@ -81,7 +81,7 @@
     :precondition (and (< (pole-angle) 0.0))
     :effect (and (increase (reward) (/ (pole-angle) 0.2618))))
 
-  (:event off-centre-right     ; ... and minus a tenth of the distance from the middle.
+  (:event off-centre-right     ; costs a tenth of the distance from the middle.
     :parameters ()
     :precondition (and (> (cart-position) 0.0))
     :effect (and (decrease (reward) (* 0.1 (cart-position)))))

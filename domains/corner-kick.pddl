@@ -55,7 +55,7 @@
       ; Only with the opponent at the ball, or nearly, does closing its way close the goal.
       (when (and (taken) (< (shot-in) 3.0)) (decrease (goal-open) 0.15))))
 
-  ; A post is of use if the ball comes there, and nobody knows that before the corner is taken. So
+  ; Marking a post helps only if the ball goes there. Before the kick nobody knows that. So
   ; the file has no opinion on the posts, and the planner leaves them: the learner finds out.
   (:action mark-near-post
     :parameters ()

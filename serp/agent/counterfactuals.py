@@ -107,7 +107,7 @@ def counterfactuals(
     changes.sort(key=lambda change: change.share)
     searched = "Each fluent was changed alone, within its observed range."
     if omitted:
-        searched += f" There was no time for {listed(omitted)}."
+        searched += f" Not tested (time limit): {listed(omitted)}."
     return Counterfactuals(tuple(changes), searched)
 
 

@@ -131,7 +131,7 @@ class Evidence(Strategy):
         """In words: what `propose_greedily` returns."""
         if self._rho > 0.5:
             return "the learner's choice"
-        return "the planner's choice, the learner's where all plans are worth the same"
+        return "the planner's choice, or the learner's if all plans have the same value"
 
     def _beliefs(self) -> list[Belief]:
         """Return mean and variance of the expected return of the planner, and of the learner.

@@ -165,10 +165,10 @@ class VetoPolicy(Declared):
     def account(self) -> str:
         """Return in words how often the lookahead failed, and what follows."""
         counted = self.reliability
-        share = percent((counted.failures + 1) / (counted.steps + 2))  # Laplace's rule
-        text = f"The lookahead failed {counted}; its failure rate is estimated at {share} per step"
+        rate = f"{percent((counted.failures + 1) / (counted.steps + 2))} per step"
+        text = f"The lookahead failed {counted}; its failure rate is {rate} (Laplace estimate)"
         if self.looks_farther:
-            text += ". An action must now leave two safe ways on beyond it"
+            text += ". An action must now leave two safe continuations"
         elif not counted.reliable:
             text += ". Vetoes now use the next step only"
         return text

@@ -114,7 +114,7 @@ def most_telling(recording: Recording) -> tuple[int, str]:
             return int(np.flatnonzero(steps)[-1]), f"the last {what}"
     if not len(recording):
         recording.step(0)  # raises
-    return len(recording) - 1, "the last step: nothing was refused, and nothing unsafe"
+    return len(recording) - 1, "the last step, because nothing was refused or unsafe"
 
 
 @dataclass(frozen=True)

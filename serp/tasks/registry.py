@@ -172,7 +172,7 @@ def load_task(name: str) -> Task:
     Raises:
         TaskError: There is none, or making it fails.
     """
-    advice = "\n  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
+    advice = "\n  For your own task use `--task FILE.py`, or pass a `serp.Task` in Python."
     entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
     with plugins.loading(entry, "task", TaskError):
         made = entry.load()()

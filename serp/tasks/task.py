@@ -94,8 +94,8 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
     if world:
         return "the rewards of the domain file, for what really happened"
     return (
-        "the environment's reward; the planner plans with those of the domain file "
-        "(training.reward=sum or domain: the learner learns from these, too)"
+        "the environment's reward; the planner uses the file's. With training.reward=sum the "
+        "learner uses both, with training.reward=domain the file's alone"
     )
 
 

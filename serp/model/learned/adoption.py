@@ -126,7 +126,7 @@ class ModelAdoption(NamedTuple):
                 parts.append(f"{what} for {listed(names)}")
         left = [f.fluent for f in self.fluents if not f.adapted]
         said = f"adapted: {'; '.join(parts)}"
-        return f"{said}; as written: {listed(left)}" if left else said
+        return f"{said}; unchanged from the file: {listed(left)}" if left else said
 
 
 def adoption_of(
@@ -149,5 +149,5 @@ def adoption_of(
         why = f"the file was right in {plural(steps, 'step')}"
     else:
         ratio = percent(learned / written)
-        why = f"learning has {ratio} of the file's error in {plural(steps, 'step')}"
+        why = f"in {plural(steps, 'step')} the learned model's error is {ratio} of the file's"
     return FluentAdoption(fluent, residual, counted, steps, why)

@@ -105,8 +105,8 @@ OWN: Final[Mapping[str, Algorithm]] = {
                 "guide": {"strategy": "mixture"},
             },
         ),
-        _baseline(DQN, "the learner of preset default alone, more exploration", "default"),
-        _baseline("dqn-paper", "the learner of preset paper alone", "paper"),
+        _baseline(DQN, "only the learner of preset `default`, with more exploration", "default"),
+        _baseline("dqn-paper", "only the learner of preset `paper`", "paper"),
     )
 }
 """The algorithms of this library, by name."""

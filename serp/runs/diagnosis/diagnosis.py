@@ -78,12 +78,13 @@ class Diagnosis:
         good = sum(q.error <= WELL for q in quantities)
         good_left = sum(q.unexplained <= WELL for q in quantities)
         if good == len(quantities):
-            text = f"The file predicts well: every error is at most {percent(worst.error)} of the "
-            return text + f"change, that of {worst.shown}."
+            text = f"The file predicts well: the largest error, that of {worst.shown}, is "
+            return text + f"{percent(worst.error)} of the typical change per step."
         text = f"The file predicts {good} of {len(quantities)} quantities to within "
         text += f"{percent(WELL)} of their change"
         chance = ", apart from chance" if self.worthwhile.stochastic else ""
-        return text + (f", and {good_left} with the findings{chance}." if self.remarks else ".")
+        left = f", and would predict {good_left} after the proposed edits{chance}."
+        return text + (left if self.remarks else ".")
 
     @property
     def unexplained(self) -> list[str]:
@@ -94,11 +95,12 @@ class Diagnosis:
 
 def _unexplained(quantity: Quantity) -> str:
     if not quantity.change:
-        steps = plural(quantity.steps, "step")
-        return f"{quantity.shown} does not change in {steps}, but the file predicts changes"
-    text = f"{quantity.shown}: the error is {percent(quantity.error)} of the change"
+        none = f"there were none in {plural(quantity.steps, 'step')}"
+        return f"{quantity.shown}: the file predicts changes, but {none}"
+    error = f"{percent(quantity.error)} of the typical change per step"
+    text = f"{quantity.shown}: prediction error is {error}"
     if abs(quantity.squared_left - quantity.squared) > 0.01 * quantity.squared:
-        text += f", {percent(quantity.error_left)} with the findings"
+        text += f"; {percent(quantity.error_left)} after these edits"
     return text
 
 

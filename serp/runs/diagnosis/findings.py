@@ -213,8 +213,8 @@ class RuleFinding(_OfFluent):
         observed = readable(self.observed)
         if not self.schema:
             if ends:
-                return f"the task ended in {unpredicted} without a line of the file that ends it"
-            return f"{unpredicted} without a predicted reward had a reward of {observed} on average"
+                return f"the task ended in {unpredicted} for which no line predicted an end"
+            return f"no line predicted the reward of {unpredicted}, {observed} on average"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"
             return f"never predicted; it applied in {unpredicted}{reward}"
@@ -222,10 +222,10 @@ class RuleFinding(_OfFluent):
         if ends:
             text += f"; the task ended in {self.correct:,} of them"
         else:
-            text += f", reward {readable(self.expected)} on average; it was {observed}"
-            text += f", and {self.correct:,} steps were as predicted"
+            text += f": predicted mean reward {readable(self.expected)}, observed {observed}"
+            text += f"; {self.correct:,} of {plural(self.predicted, 'step')} matched"
         return text + (
-            f"; it also applied in {unpredicted} without a prediction" if self.unpredicted else ""
+            f"; the line applied unpredicted in {unpredicted}" if self.unpredicted else ""
         )
 
 

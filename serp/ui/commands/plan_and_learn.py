@@ -58,8 +58,8 @@ if TYPE_CHECKING:
                 what="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @settings_option
 @click.option("-v", "--verbose", is_flag=True,
-              help="At the end, also why this is the policy, how far the planner saw, and what the "
-                   "model learned.")  # fmt: skip
+              help="At the end, also why this policy was selected, how far the planner saw, and "
+                   "what the model learned.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
 def plan_and_learn(
     domain: str | None,
@@ -74,8 +74,8 @@ def plan_and_learn(
     The planner acts from the first step and the learner takes over; what the domain file flags
     unsafe is refused whenever there is a choice.
 
-    A run that Ctrl-C, SIGTERM or SIGHUP stops (exit status 130, 143, 129) has lost nothing: the
-    episode is finished first. A second one stops at once, and the run goes on from its last
+    Ctrl-C, SIGTERM or SIGHUP finishes the episode and saves before stopping (exit status 130, 143,
+    129); nothing is lost. A second signal stops at once; a resumed run then continues from its last
     checkpoint.
     """
     resuming = resume is not None

@@ -130,7 +130,7 @@ def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    first = f"{path}: the first page can be read; pictures and the rest follow"
+    first = f"{path}: a preliminary page is ready; pictures follow"
     further = [Run(each) for each in others]
     write_report(open_run(run), path, others=further, on_first=lambda: say(first), **options)
     _print_size(path)
@@ -204,12 +204,12 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
         parts = []
         if sight["saw_all"] is not None:
             parts.append(
-                f"complete in {share['saw_all']} of the plans, with cells in {share['by_cells']}, "
-                f"stopped by a budget in {share['cut_short']}; indifferent in "
-                f"{share['indifferent']}"
+                f"complete in {share['saw_all']} of the plans, continued by values of cells in "
+                f"{share['by_cells']}, stopped by a budget in {share['cut_short']}; all plans of "
+                f"equal value in {share['indifferent']}"
             )
             if sight["mean_depth"] is not None:
-                parts[0] += f"; otherwise {readable(sight['mean_depth'])} steps deep"
+                parts[0] += f"; mean depth if not complete: {readable(sight['mean_depth'])} steps"
         if sight["safety_alone"]:
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
         rows.append(("lookahead", ". ".join(parts)))
@@ -218,7 +218,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
         rows.append(("risk", account["risk"]))
     rows.append(("model", account["model"]["sentence"]))
     rows += [
-        ("", f"{fluent['fluent']} as written: {fluent['why']}")
+        ("", f"{fluent['fluent']} not corrected: {fluent['why']}")
         for fluent in account["model"]["fluents"]
         if not fluent["adapted"]
     ]

@@ -49,7 +49,7 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      help="Folder of the results; one that is there is continued.  "
                           f"[default: runs/{folder}-<domain>-<time>]"),
         click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-                     help="Trainings at the same time.  [default: one a core]"),
+                     help="Number of parallel trainings.  [default: one per core]"),
         click.option("--engine", metavar="local|ray", default="local", show_default=True,
                      help="What runs the trainings: processes of this machine, or a cluster."),
         click.option("--address", metavar="ADDRESS",
@@ -83,8 +83,8 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
     "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
-              help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
-                   "with a setting changed, NAME@FILE one with another domain file. May be "
+              help="Algorithms to compare; the first is the reference. NAME:SECTION.NAME=VALUE is "
+                   "one with a setting changed, NAME@FILE one with another domain file. May be "
                    "repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
 @click.option("--baseline", metavar="FILE.py:FUNCTION",
@@ -103,9 +103,9 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
     """Compare algorithms on one task, with the same budget and seeds.
 
-    --set changes all of serp's algorithms that do not set the same themselves. Each trial is a run
-    folder. With the same --out only missing trials run, and those that Ctrl-C, SIGTERM or SIGHUP
-    stopped (exit status 130, 143, 129) continue.
+    --set changes all of serp's algorithms, unless an algorithm sets that setting itself. Each trial
+    is a run folder. With the same --out, missing trials run, and trials that Ctrl-C, SIGTERM or
+    SIGHUP stopped (exit status 130, 143, 129) continue.
     """
     from serp.runs.comparison import compare as comparing
 
@@ -161,8 +161,8 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
     """Search settings by the returns of whole trainings.
 
-    With the same --out the study goes on. Its seeds are not those of `serp compare`, so that
-    results are not those of the seeds that were tuned on.
+    With the same --out the study goes on. By default, tuning uses other seeds than
+    `serp compare`, so comparisons do not reuse them.
     """
     from serp.runs import tuning
 

@@ -31,7 +31,7 @@ def test_each_fluent_says_whether_it_is_adapted_and_why():
     assert not position.adapted and "the file was right in 200 steps" in position.why
     assert set(speed.residual) == {"push", "rest"} and "% of the file's error" in speed.why
     assert adoption.in_use
-    assert str(adoption) == "adapted: residual for `v`; as written: `p`"
+    assert str(adoption) == "adapted: residual for `v`; unchanged from the file: `p`"
     said = json.dumps(adoption.as_dict(), allow_nan=False)
     assert json.loads(said)["fluents"][1]["adapted"] is True
 
