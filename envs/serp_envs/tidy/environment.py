@@ -146,7 +146,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
             raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
         self.render_mode = render_mode
         self.wear = wear
-        self.action_space = spaces.Discrete(len(MACROS))  # type: ignore[assignment]
+        self.action_space = spaces.Discrete(len(MACROS))
         size = len(OBSERVED)
         self.observation_space = spaces.Box(-10.0, 10.0, (size,), np.float32)
         self.model = mujoco.MjModel.from_xml_string(XML)
@@ -320,7 +320,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         self.data.mocap_pos[0, :2] = there
 
     def _somewhere(self) -> tuple[float, float]:
-        x, y = self.np_random.uniform(*zip(*WALK, strict=True)).tolist()
+        x, y = (float(self.np_random.uniform(low, high)) for low, high in WALK)
         return x, y
 
     def _look(self) -> None:
