@@ -35,7 +35,7 @@
     :precondition (and (not (at ?p)))
     :effect (and (at ?p) (decrease (battery) 0.05) (decrease (reward) 0.03)
       (forall (?q - place) (not (at ?q))) (forall (?t - thing) (not (ahead ?t)))
-      (when (or (held glass) (< (gap ?p) 1.8)) (unsafe))))
+      (when (or (held glass) (< (gap ?p) 2)) (unsafe))))
 
   (:action approach
     :parameters (?t - thing)

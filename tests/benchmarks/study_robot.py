@@ -76,7 +76,7 @@ def careful(seen):
         action = next_place(seen)
     if action.startswith("drive"):
         gap = seen["gap " + action.removeprefix("drive ")]
-        if gap >= 1.8 and not seen["held glass"] and seen["battery"] > 0.3:
+        if gap >= 2.0 and not seen["held glass"] and seen["battery"] > 0.3:
             return action.replace("drive", "rush")
     return action
 
