@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from ctypes.util import find_library
 from math import acos, cos, dist, hypot, sin
 from typing import Any, Final, SupportsInt
 
@@ -15,7 +16,9 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-    os.environ.setdefault("MUJOCO_GL", "egl")  # read when mujoco is imported
+    # Read when mujoco is imported, which fails where the library is missing.
+    there = [name for name in ("EGL", "OSMesa") if find_library(name)]
+    os.environ.setdefault("MUJOCO_GL", there[0].lower() if there else "disable")
 
 import mujoco
 
