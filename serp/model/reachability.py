@@ -74,7 +74,7 @@ class Facts:
             self.true = {key_of(a.name, a.arguments, {}) for a in problem.true_atoms}
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
         self._members: dict[Sequence[str], Collection[str]] = {}
-        self._names: dict[int, tuple[str, ...]] = {}
+        self._names: dict[int, tuple[object, list[str]]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
         self.changed = x.changed_names(domain.schemas)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
@@ -131,12 +131,11 @@ class Facts:
 
     def occurrence(self, part: object, binding: Binding) -> tuple[object, ...]:
         """Return what is equal where a part of the file means the same under two bindings."""
-        names = self._names.get(id(part))
-        if names is None:
+        if id(part) not in self._names:
             terms = (node for node in x.nodes_in(part) if isinstance(node, x.SchemaTerm))
-            names = tuple({term.name: None for term in terms if term.is_variable})
-            self._names[id(part)] = names
-        return (id(part), *[binding.get(name) for name in names])
+            names = [*{term.name: None for term in terms if term.is_variable}]
+            self._names[id(part)] = part, names  # kept, so that no other part gets its number
+        return (id(part), *[binding.get(name) for name in self._names[id(part)][1]])
 
     # Limits -------------------------------------------------------------------------------------
 
