@@ -5,7 +5,7 @@
 ; falls to the right at full speed is predicted to turn round at once.
 ;
 ; What it is for: a guide that is half right. It says which push is good for which lean, but
-; pushes too late and swings up what it should calm down. To be of use it must be improved upon.
+; pushes too late and swings up what it should calm down. It must be improved before it is useful.
 
 (define (domain cartpole-no-velocity)
   (:requirements :strips :typing :negative-preconditions :disjunctive-preconditions

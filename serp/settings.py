@@ -184,7 +184,7 @@ class ArbiterSettings(Section):
     """`step` vetoes what the next step predicts. `lookahead` also vetoes what leads, within the
     lookahead, to a state in which every action is unsafe, while another action does not, unless
     the lookahead has failed too often to predict what is unsafe. Once it has failed, an action also
-    has to leave two safe continuations, if another one does."""
+    has to leave two safe continuations beyond it, if another one does."""
     unmodelled: Literal["allow", "veto"] = "allow"
     """What to do with environment actions that the domain does not mention."""
 

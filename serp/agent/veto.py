@@ -168,7 +168,7 @@ class VetoPolicy(Declared):
         rate = f"{percent((counted.failures + 1) / (counted.steps + 2))} per step"
         text = f"The lookahead failed {counted}; its failure rate is {rate} (Laplace estimate)"
         if self.looks_farther:
-            text += ". An action must now leave two safe continuations"
+            text += ". An action must now leave two safe continuations beyond it"
         elif not counted.reliable:
             text += ". Vetoes now use the next step only"
         return text

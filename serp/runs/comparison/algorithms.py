@@ -84,7 +84,7 @@ class Algorithm:
 def _baseline(name: str, description: str, preset: str) -> Algorithm:
     """Return a learner alone: its strategy has no influence on it, and it uses no model."""
     changes: Changes = {"guide": {"strategy": "mixture"}, "adaptation": {"mode": "off"}}
-    return Algorithm(name, f"{description}: no planner, no veto", "baseline", preset, changes)
+    return Algorithm(name, f"{description}; no planner, no vetoes", "baseline", preset, changes)
 
 
 OWN: Final[Mapping[str, Algorithm]] = {

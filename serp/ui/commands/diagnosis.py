@@ -201,7 +201,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")
         show(diagnosis.verdict)
     if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
-        say("\n  ".join(["Not explained, and left as it is:", *unrepaired]))
+        say("\n  ".join(["Not explained, so left unchanged:", *unrepaired]))
     if repaired.changes and out is not None:
         _write(recorded, repaired.text, out)
         say(f"{changes}, from {steps}; the repaired file is {out}")

@@ -46,7 +46,7 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      help="Budget of each training."),
         settings_option,
         click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the results; one that is there is continued.  "
+                     help="Folder of the results; an existing one is continued.  "
                           f"[default: runs/{folder}-<domain>-<time>]"),
         click.option("--jobs", type=click.IntRange(min=1), metavar="N",
                      help="Number of parallel trainings.  [default: one per core]"),

@@ -37,7 +37,7 @@ def test_a_report_can_be_read_alone(whole):
         "Definitions",
     ]
     assert re.findall("<summary>(.*)</summary>", page) == headings
-    learner = "the learner of preset default alone"
+    learner = "only the learner of preset"
     for part in (
         "4 seeds each",
         "domain file, the planner",
