@@ -9,7 +9,7 @@ policy after the training (10 episodes), and what happened to the file's flags; 
 wears so that slips are about twice as often, and the next 10 episodes are printed beside the
 careful controller's in the same state. Learners without a file are compared by
 
-    serp compare --domain tidy --algorithms dqn,sb3-dqn,ppo --env-steps 1000 --seeds 3
+    serp compare --domain tidy --algorithms dqn,sb3-dqn,ppo --env-steps 3000 --seeds 3
 """
 
 import argparse
