@@ -13,7 +13,6 @@
     (held ?t - thing)
     (tidy ?t - thing)      ; it is where it belongs
     (lost ?t - thing)      ; it fell, and the arm cannot pick it up
-    (empty-handed)
     (hit) (spilled)        ; the robot ran into the person, the full glass spilled
     (unsafe)               ; avoided as long as anything else is possible
     (terminal))            ; the episode ends here
@@ -21,7 +20,6 @@
     (opening)              ; of the drawer, metres
     (gap ?p - place)       ; between the person and the straight way there, metres
     (reward))              ; what is tidy is worth 1; a second costs 0.01
-  (:derived (empty-handed) (forall (?t - thing) (not (held ?t))))
 
   (:action drive
     :parameters (?p - place)
@@ -39,13 +37,14 @@
 
   (:action approach
     :parameters (?t - thing)
-    :precondition (and (at table) (on-table ?t) (not (ahead ?t)) (empty-handed))
+    :precondition (and (at table) (on-table ?t) (not (ahead ?t))
+      (forall (?o - thing) (not (held ?o))))
     :effect (and (ahead ?t) (decrease (battery) 0.01) (decrease (reward) 0.03)
       (forall (?o - thing) (when (not (= ?o ?t)) (not (ahead ?o))))))
 
   (:action grasp
     :parameters (?t - thing)
-    :precondition (and (ahead ?t) (on-table ?t) (empty-handed)
+    :precondition (and (ahead ?t) (on-table ?t) (forall (?o - thing) (not (held ?o)))
       (imply (or (= ?t block) (= ?t can)) (> (opening) 0.2)))  ; it takes a free hand to open
     :effect (and (held ?t) (not (on-table ?t)) (decrease (battery) 0.01) (decrease (reward) 0.05)))
   (:action put-back
@@ -62,15 +61,15 @@
     :precondition (and (at shelf) (held ?t))
     :effect (and (tidy ?t) (not (held ?t)) (decrease (battery) 0.01) (increase (reward) 0.95)))
 
-  (:action open-drawer
-    :precondition (and (at drawer) (empty-handed) (< (opening) 0.2))
+  (:action open-drawer :parameters ()
+    :precondition (and (at drawer) (forall (?o - thing) (not (held ?o))) (< (opening) 0.2))
     :effect (and (assign (opening) 0.35) (decrease (battery) 0.01) (decrease (reward) 0.06)))
-  (:action close-drawer
-    :precondition (and (at drawer) (empty-handed) (> (opening) 0.03))
+  (:action close-drawer :parameters ()
+    :precondition (and (at drawer) (forall (?o - thing) (not (held ?o))) (> (opening) 0.03))
     :effect (and (assign (opening) 0) (decrease (battery) 0.01) (decrease (reward) 0.06)))
-  (:action charge :precondition (and (at charger) (< (battery) 0.9))
+  (:action charge :parameters () :precondition (and (at charger) (< (battery) 0.9))
     :effect (and (assign (battery) 1) (decrease (reward) 0.08)))
-  (:action wait :effect (and (decrease (reward) 0.01)))
+  (:action wait :parameters () :effect (and (decrease (reward) 0.01)))
 
   ; What is still to do costs a little in every step, so that the planner sees a reason to begin.
   (:event untidy
@@ -81,10 +80,10 @@
     :parameters (?t - small)
     :precondition (and (on-table ?t) (< (opening) 0.2))
     :effect (and (decrease (reward) 0.2)))
-  (:event all-tidy
+  (:event all-tidy :parameters ()
     :precondition (and (< (opening) 0.04) (forall (?t - thing) (or (tidy ?t) (lost ?t))))
     :effect (and (increase (reward) 1) (terminal)))
-  (:event low :precondition (and (< (battery) 0.15))
+  (:event low :parameters () :precondition (and (< (battery) 0.15))
     :effect (and (decrease (reward) 1)))  ; time to charge
-  (:event damage :precondition (and (or (hit) (spilled) (<= (battery) 0)))
+  (:event damage :parameters () :precondition (and (or (hit) (spilled) (<= (battery) 0)))
     :effect (and (decrease (reward) 100) (unsafe) (terminal))))

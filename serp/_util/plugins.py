@@ -57,10 +57,13 @@ def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> AbstractC
 
 @contextmanager
 def blaming(what: str, failure: type[SerpError]) -> Iterator[None]:
-    """Raise a `failure` that begins with `what` for anything but a `SerpError` in the body."""
+    """Raise a `failure` that begins with `what` for what is raised in the body.
+
+    A `SerpError` and a `MemoryError` stay as they are.
+    """
     try:
         yield
-    except SerpError:
+    except (SerpError, MemoryError):
         raise
     except Exception as error:
         raise failure(f"{what}: {type(error).__name__}: {error}") from error

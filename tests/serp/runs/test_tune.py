@@ -105,7 +105,7 @@ def test_types_and_values_follow_from_the_settings(name, given, expected):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"vary": {}}, "say what to tune"),
+        ({"vary": {}}, "give the settings to tune"),
         ({"vary": {"learner.member": "2"}}, "no setting `learner.member`; did you mean `members`"),
         ({"vary": {"planner.depth": None}}, "planner.depth: give the values: A..B"),
         ({"vary": {"planner.depth": "0..3"}}, "planner.depth must be greater than or equal to 1"),

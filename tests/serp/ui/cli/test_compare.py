@@ -57,7 +57,7 @@ def test_ctrl_c_keeps_what_is_there_and_says_how_to_go_on(run, monkeypatch):
     arguments = [*COMPARE, "--algorithms=mrp,dqn", "--out=c"]
     stopped = run(*arguments, expect=130)
     assert "stopped with 1 of 2 trials complete in c" in stopped.stderr
-    assert "Go on with the same command" in stopped.stderr
+    assert "Continue with the same command" in stopped.stderr
     assert Path("c/report.html").exists()
     monkeypatch.setattr(pool, "run_trial", run_trial)
     assert "[1/1] dqn, seed 0" in run(*arguments).stderr

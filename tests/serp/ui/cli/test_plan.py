@@ -84,7 +84,7 @@ def test_a_given_state_adds_to_the_initial_one(run, tmp_path):
 
 def test_a_domain_of_no_task_needs_a_state(run, folder):
     Path("edge.pddl").write_text(EDGE)
-    assert "which state?" in run("plan", "--domain=edge.pddl", expect=1).stderr
+    assert "the state is incomplete" in run("plan", "--domain=edge.pddl", expect=1).stderr
     assert "no task is installed for domain `edge`" in (
         run("plan", "--domain=edge.pddl", "--observe", expect=1).stderr
     )

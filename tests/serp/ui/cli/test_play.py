@@ -20,7 +20,7 @@ def typed(lines, *arguments, expect=0):
 
 def test_a_world_slips_and_mistakes_have_a_line(walk):
     shown = typed("1\n", "walk.pddl", "--slip=0.99", "--set=planner.name=lookahead")
-    assert "step 1: go home shop slips: go home field happens instead" in shown
+    assert "step 0: go home shop slips: go home field happens instead" in shown
     assert "   unsafe by action go home field. [walk.pddl:11 `(unsafe)`]" in shown
     shown = typed("field = 3", "walk.pddl", expect=1)
     assert "line 1: change: unknown fluent `field`" in shown
@@ -62,5 +62,5 @@ def test_on_a_terminal_an_empty_line_repeats_and_a_mistake_ends_nothing(walk):
         process.kill()
         os.close(here)
     assert b"1 go home shop  2 go home field >" in shown
-    assert b"step 2: go home shop is not applicable, and nothing is done" in shown
+    assert b"step 1: go home shop is not applicable, and nothing is done" in shown
     assert b"walked    7" in shown and b"there is no action or command `zz`" in shown
