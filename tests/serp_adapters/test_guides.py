@@ -147,7 +147,7 @@ def test_a_restored_guide_goes_on_the_same_and_a_damaged_one_is_refused(name):
         guide.end_episode(float(random.normal()), 6)
         return made
 
-    for _ in range(8):
+    for _ in range(20):
         episode(strategy, rng)
     saved = json.loads(json.dumps(strategy.state_dict(), allow_nan=False))
     resumed.load_state_dict(saved)
@@ -158,3 +158,11 @@ def test_a_restored_guide_goes_on_the_same_and_a_damaged_one_is_refused(name):
     for key in saved:
         with pytest.raises(RunError):
             made(name).load_state_dict({**saved, key: "damaged"})
+
+
+def test_a_jump_start_whose_returns_fall_is_restored():
+    strategy, resumed = made("jsrl"), made("jsrl")
+    for k in range(12):
+        strategy.end_episode(-float(k), 10)
+    resumed.load_state_dict(json.loads(json.dumps(strategy.state_dict())))
+    assert resumed.state_dict() == strategy.state_dict()

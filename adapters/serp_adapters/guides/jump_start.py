@@ -72,11 +72,10 @@ class JumpStart(Strategy):
         self._steps[self.env_index] = 0
         if self._stage < 0:
             self._longest = max(self._longest, length)
-        self._recent.append(return_)
+        self._recent = [*self._recent, return_][-_WINDOW:]
         if len(self._recent) < _WINDOW or self._stage == STAGES:
-            self._recent = self._recent[-_WINDOW:]
             return
-        mean = statistics.fmean(self._recent[-_WINDOW:])
+        mean = statistics.fmean(self._recent)
         if self._stage < 0 or mean >= self._best - _TOLERANCE * abs(self._best):
             self._best = mean if self._stage < 0 else max(self._best, mean)
             self._stage += 1
@@ -89,6 +88,7 @@ class JumpStart(Strategy):
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         saved = Saved(type(self).__name__, {}, meta)
-        recent = saved.reals("recent", min(len(meta.get("recent", ())), _WINDOW))
+        found = meta.get("recent")
+        recent = saved.reals("recent", min(len(found), _WINDOW) if isinstance(found, list) else 0)
         super().load_state_dict(meta)
         self._stage, self._recent = int(self._stage), recent
