@@ -157,7 +157,7 @@ private:
     std::vector<std::int32_t> action_;  ///< [N] by which action
     std::vector<std::int32_t> known_;   ///< [N] 2 x number of the root + whether it leads to the node
     std::vector<float> cost_;           ///< [N] relaxed cost of the node, or of its parent
-    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold
+    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold, for novelty
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
     Queue all_, helped_;                ///< of all nodes; of those that a helpful action leads to
     std::optional<Seen> seen_;
@@ -241,7 +241,7 @@ bool Tree<Number>::add(double* row, int parent, int action) {
             states_.push_back(row[i]);
     }
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
-    left_.push_back(costs_.lacking(row));
+    left_.push_back(kind_ == NOVEL ? costs_.lacking(row) : 0);
     cost_.push_back(kind_ != LAZY ? evaluate(row) : parent < 0 ? 0.0f : cost_[parent]);
     if (cost_[node] == std::numeric_limits<float>::infinity() && parent >= 0) return false;
     open(node);

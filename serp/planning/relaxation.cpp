@@ -122,6 +122,13 @@ void RelaxedCosts::apply(int its_operator) {
     }
 }
 
+/// Returns the sum of a comparison in a state.
+double RelaxedCosts::total(int k, const double* state) const {
+    double total = relaxation_.constant_[k];
+    for (const auto& [fluent, factor] : relaxation_.terms_[k]) total += factor * state[fluent];
+    return total;
+}
+
 /// Sets the costs of the facts that hold to 0, and puts them into the ring.
 void RelaxedCosts::begin(const double* state) {
     const int base = 2 * relaxation_.fluents_;
@@ -132,10 +139,8 @@ void RelaxedCosts::begin(const double* state) {
     std::fill(by_.begin(), by_.end(), -1);
     for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
     for (std::size_t k = 0; k < gap_.size(); ++k) {
-        double total = relaxation_.constant_[k];
-        for (const auto& [fluent, factor] : relaxation_.terms_[k]) total += factor * state[fluent];
-        gap_[k] = -total;
-        if (total > 0.0 || (total == 0.0 && !relaxation_.strict_[k])) cost_[base + k] = 0.0;
+        gap_[k] = -total(k, state);
+        if (met(k, -gap_[k])) cost_[base + k] = 0.0;
     }
     for (int fact = 0; fact < relaxation_.facts_; ++fact)
         if (cost_[fact] == 0.0 && !relaxation_.users_[fact].empty()) push(fact);
@@ -182,10 +187,7 @@ RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
 bool RelaxedCosts::holds(int fact, const double* state) const {
     const int base = 2 * relaxation_.fluents_;
     if (fact < base) return (state[fact / 2] != 0.0) == (fact % 2 != 0);
-    double total = relaxation_.constant_[fact - base];
-    for (const auto& [fluent, factor] : relaxation_.terms_[fact - base])
-        total += factor * state[fluent];
-    return total > 0.0 || (total == 0.0 && !relaxation_.strict_[fact - base]);
+    return met(fact - base, total(fact - base, state));
 }
 
 int RelaxedCosts::lacking(const double* state) const {

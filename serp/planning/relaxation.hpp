@@ -107,6 +107,10 @@ public:
     double relaxed_plan(std::vector<std::uint8_t>& actions);
 
 private:
+    double total(int k, const double* state) const;
+    bool met(int k, double total) const {
+        return total > 0.0 || (total == 0.0 && !relaxation_.strict_[k]);
+    }
     double gain_of(const Relaxation::Addition& addition) const;
     void begin(const double* state);
     void apply(int its_operator);

@@ -9,10 +9,9 @@ import numpy as np
 
 from serp._util.saved_state import Reader, random
 from serp.agent.protocols import Proposer
-from serp.agent.strategy import Seed, Situation
+from serp.agent.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
-from serp_adapters.guides.shared import Planned
 
 _COMMITMENT: Final = 0.6
 """Right after a choice, another policy takes over if it is better with this probability."""
@@ -38,7 +37,7 @@ def teachers(situation: Situation) -> list[int]:
     return [forecast.choice, greedy, cautious]
 
 
-class AcTeach(Planned):
+class AcTeach(Strategy):
     """The critic chooses among the planner, two simple teachers and the learner (AC-Teach).
 
     Kurenkov, Mandlekar, Martin-Martin, Savarese and Garg 2019, "AC-Teach: a Bayesian actor-critic

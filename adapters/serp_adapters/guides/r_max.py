@@ -56,7 +56,7 @@ class RMax(Planned):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return an unknown action if there is one, the planner's before others; else the best."""
-        unknown = self._unknown(situation)
+        unknown = self._unknown_in(situation)
         if not unknown.any():
             return self._best(situation)
         choice = situation.forecast.choice
@@ -64,7 +64,7 @@ class RMax(Planned):
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the best action where all are known, else None."""
-        return None if self._unknown(situation).any() else self._best(situation)
+        return None if self._unknown_in(situation).any() else self._best(situation)
 
     def lesson(self, step: StepRecord, following: Decision | None) -> Lesson:
         """Add the step to the table."""
@@ -74,8 +74,7 @@ class RMax(Planned):
         row[0] += 1
         row[1] += step.reward
         tries = self._tries[state, action] = self._tries.get((state, action), 0) + 1
-        tried = [self._tries.get((state, a), 0) for a in range(len(step.decision.admissible))]
-        self._open[state] = bool((step.decision.admissible & (np.array(tried) < KNOWN)).any())
+        self._open[state] = bool(self._unknown(state, step.decision.admissible).any())
         if tries == KNOWN or step.reward > self._largest:
             self._q = None
         self._largest = max(self._largest, step.reward)
@@ -88,11 +87,14 @@ class RMax(Planned):
             self._open.append(True)
         return number
 
-    def _unknown(self, situation: Situation) -> Mask:
-        """Return `[E]` the admissible actions that were tried too rarely in the state."""
-        number, allowed = self._numbers.get(situation.state.tobytes(), -1), situation.admissible
-        tries = [self._tries.get((number, action), 0) for action in range(len(allowed))]
-        return allowed & (np.array(tries) < KNOWN)
+    def _unknown(self, number: int, admissible: Mask) -> Mask:
+        """Return `[E]` the admissible actions that were tried too rarely in a state."""
+        tries = [self._tries.get((number, action), 0) for action in range(len(admissible))]
+        return admissible & (np.array(tries) < KNOWN)
+
+    def _unknown_in(self, situation: Situation) -> Mask:
+        number = self._numbers.get(situation.state.tobytes(), -1)
+        return self._unknown(number, situation.admissible)
 
     def _best(self, situation: Situation) -> Proposal | None:
         if not situation.admissible.any():

@@ -148,7 +148,7 @@ def _place(env: TidyRoom, where: str, support: float, aside: float, far: float) 
     thing, place = THINGS[env.held], PLACES[where]
     c, s = cos(place.heading), sin(place.heading)
     beside = Pose(place.x - aside * s, place.y + aside * c, place.heading)
-    low = support + thing.half + env.drop(thing.grip)
+    low = support + thing.half + env.below_grip(env.held)
     yield from _reach(env, max(low + 0.1, 0.0 if where == "shelf" else CARRY), 0.0)
     yield from _steer(env, beside, (0.3, 0.5), True)
     yield from _reach(env, env.lift, far - REACH)

@@ -413,14 +413,13 @@ class TidyRoom(gym.Env[Observation, np.int64]):
     def _from_grip(self, name: str) -> float:
         return dist(self._places[self._gripper].tolist(), self.where(name))
 
-    def drop(self, grip: float) -> float:
-        """Return how far the grip is above the middle of what is held, m."""
-        return float(self._places[self._gripper][2]) - self.where(self.held)[2]
+    def below_grip(self, name: str) -> float:
+        """Return how far the middle of a thing is below the grip, m."""
+        return float(self._places[self._gripper][2]) - self.where(name)[2]
 
     def slipped(self, name: str, grip: float) -> bool:
         """Return whether the gripper has lost a thing that it lifts."""
-        below = float(self._places[self._gripper][2]) - self.where(name)[2]
-        return below > grip + 0.02 or self._from_grip(name) > 0.08
+        return self.below_grip(name) > grip + 0.02 or self._from_grip(name) > 0.08
 
     # What is seen --------------------------------------------------------------------------------
 
