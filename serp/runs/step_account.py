@@ -34,6 +34,13 @@ from serp.runs.run import Run
 from serp.tasks.action_map import ActionForecast, ActionMap
 
 
+def unsafe_steps(recording: Recording, most: int = 5) -> str:
+    """Return the numbers of the newest unsafe steps, for `serp why --step`; empty for none."""
+    steps = np.flatnonzero(recording.columns("unsafe")["unsafe"]).tolist()
+    newest = ", ".join(map(str, steps[-most:]))
+    return f" ({'the last: ' if len(steps) > most else ''}step {newest})" if steps else ""
+
+
 @dataclass(frozen=True)
 class PredictedFluent:
     """One fluent, predicted one step ahead, and observed."""

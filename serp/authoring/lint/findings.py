@@ -121,15 +121,17 @@ def examine(
     problem: Source | str | Path | None = None,
     *,
     look: Callable[[Domain], Iterable[DomainWarning]] | None = None,
+    observed: bool = False,
 ) -> Examined:
     """Return the findings of a domain; nothing in the files raises an error.
 
     Files are given by path or as sources; of a path the problem is by default the one beside it.
-    `look` returns further warnings of a domain without errors.
+    `look` returns further warnings of a domain without errors. `observed`: an environment gives
+    the initial state, as in `Domain.observed`.
     """
     recovery = Recovery()
     sources = _read(domain, problem, recovery)
-    result = _parse(sources, recovery) if sources else None
+    result = _parse(sources, recovery, observed=observed) if sources else None
     warnings = [warning for source in sources for warning in source.warnings]
     if result is not None:  # of files that are read in part, local rules apply alone
         subject, partial = LintSubject(result), bool(recovery.errors)
@@ -177,7 +179,7 @@ def _read(
     return sources
 
 
-def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:
+def _parse(sources: list[Source], recovery: Recovery, *, observed: bool) -> Domain | None:
     """Return what can be understood of the files, instantiated; None where nothing can."""
     try:
         syntax = parse_domain(sources[0])
@@ -188,6 +190,7 @@ def _parse(sources: list[Source], recovery: Recovery) -> Domain | None:
     # With errors it is instantiated for what the rules find in single schemas.
     most = MOST_INSTANCES if recovery.errors else MAX_GROUND_SCHEMAS
     domain = Domain(sources[0], sources[1] if problem else None, syntax, problem, most)
+    domain = domain.observed() if observed else domain
     try:
         domain.model  # noqa: B018  (instantiated now, for the errors that only this finds)
     except DomainError as error:

@@ -104,12 +104,14 @@ def _checked(pair: DomainFiles, own: Task | None) -> _CheckedDomain:
     try:
         if pair.domain is not None:
             look = functools.partial(_look, summary, pair.domain, own)
-            found = examine(pair.domain, pair.problem, look=look).findings
+            observed = own is not None and not own.closed
+            found = examine(pair.domain, pair.problem, look=look, observed=observed).findings
         else:
             task = _named_task(pair, own)
             domain = task.load()
             look = functools.partial(_look, summary, None, task)
-            found = examine(domain.source, domain.problem_source, look=look).findings
+            observed, files = not task.closed, (domain.source, domain.problem_source)
+            found = examine(*files, look=look, observed=observed).findings
     except DomainError as error:
         found = [] if pair.domain is None else examine(pair.domain, pair.problem).findings
         found = found or [Finding.of(error)]

@@ -109,15 +109,17 @@ def _print_results(run: Run, *, verbose: bool) -> None:
     from serp.runs.folder import METRICS
     from serp.runs.oscillation import oscillation
     from serp.runs.results import return_of, title
+    from serp.runs.step_account import unsafe_steps
     from serp.runs.tables import read_metrics
 
-    summary, path = run.summary, str(run.path)
+    summary, path, recording = run.summary, str(run.path), run.recording()
     acted = {actor: share for actor, share in summary["shares"].items() if share}
     shares = ", ".join(f"{actor} {percent(share)}" for actor, share in acted.items())
     show(f"\n{path}: {title(summary)}")
     steps = plural(summary["env_steps"], "environment step")
     unsafe = f"{plural(summary['unsafe_executed'], 'unsafe action')} executed, "
-    unsafe += f"{plural(summary['unsafe_observed'], 'step')} observed unsafe, "
+    unsafe += f"{plural(summary['unsafe_observed'], 'step')} observed unsafe"
+    unsafe += f"{unsafe_steps(recording)}, "
     rows = [
         ("steps", f"{steps}, {plural(summary['episodes'], 'episode')}"),
         (
@@ -131,7 +133,7 @@ def _print_results(run: Run, *, verbose: bool) -> None:
     if (risk := summary["risk"]) and not verbose:
         rows.insert(-1, ("risk", risk))
     print_table(("", ""), rows)
-    if (told := oscillation(run, run.recording())) is not None:
+    if (told := oscillation(run, recording)) is not None:
         show(f"\n{told}")
     if verbose:
         show()

@@ -72,7 +72,8 @@ def test(
             with working(f"loading {name or own_task_name()}"):
                 source, decider = _opened(name, **deciding)
             if not as_json:
-                show(("\n" if position else "") + source.name, style="bold")
+                period = f"control period {decider.model.dt:g}"
+                show(("\n" if position else "") + f"{source.name}, {period}", style="bold")
             for result in run_scenarios(source, decider, words):
                 place, title = result.scenario.place, result.scenario.title
                 failures = [dataclasses.asdict(failure) for failure in result.failures]

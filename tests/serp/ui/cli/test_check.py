@@ -86,3 +86,20 @@ def test_the_pattern_for_editors_matches_errors_and_warnings(run, walk):
     assert any(
         f[:2] == ("warning", "other.pddl") and f[5] == "contradictory-condition" for f in found
     )
+
+
+def test_initial_values_are_not_missed_where_an_environment_gives_them(run, folder):
+    (folder / "stay.pddl").write_text(
+        "(define (domain stay) (:functions (at) (reward))"
+        " (:action left :effect (decrease (at) 1))"
+        " (:action right :effect (and (increase (at) 1) (increase (reward) 1))))"
+    )
+    (folder / "stay-problem.pddl").write_text("(define (problem p) (:domain stay) (:init))")
+    (folder / "stay.py").write_text(
+        "import gymnasium\nfrom serp import Task\n"
+        "task = lambda: Task(domain='stay.pddl', make_env=lambda: gymnasium.make('CartPole-v1'),"
+        " ground=lambda observation, info, env: {'at': observation[0]})\n"
+    )
+    assert "starts at 0" in run("check", "stay.pddl").stdout
+    shown = run("check", "--task", "stay.py:task").stdout
+    assert "fit together" in shown and "starts at 0" not in shown
