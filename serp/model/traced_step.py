@@ -108,9 +108,12 @@ class TracedStep:
     ) -> Traced:
         """Return reward and flags of an observed transition; action -1 is not one of the model's.
 
-        Next state and reward are what the events made of the observed one. `outcome` is the outcome
-        of the action that took place.
+        Next state and reward are what the events made of the observed one, or the predicted ones
+        where the next state is as predicted. `outcome` is the outcome of the action that took place.
         """
+        predicted = self.step(state, action, theta, dt, outcome=outcome)
+        if predicted.flags & APPLICABLE and predicted.out[:-1] == next_state:
+            return predicted
         step = _Step(self, state, [*next_state, 0.0], theta, dt, outcome)
         return step.traced(lambda: step.judge(action, [*next_state]))
 

@@ -206,10 +206,11 @@ class TransitionModel(StateSpace):
     def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
         """Return reward and flags of an observed transition, the paper's R(s').
 
-        The action's own rewards are evaluated in `state`; where its precondition does not hold
-        there, it has no effects, while the world goes on. Processes and events are evaluated in
-        the observed `next_state`, goal and metric in the same before any event. Action -1 is one
-        that the model does not know.
+        A transition to exactly the predicted state has the predicted reward and flags, so an event
+        counts whose effects end its condition. For any other, the action's own rewards are
+        evaluated in `state`; where its precondition does not hold there, it has no effects, while
+        the world goes on. Processes and events are evaluated in the observed `next_state`, goal and
+        metric in the same before any event. Action -1 is one that the model does not know.
 
         Raises:
             StateError: There is no such action, or the reward is not a finite number there, a

@@ -236,6 +236,15 @@ def test_an_observed_transition_is_judged_by_where_it_led():
     assert model.judge(before, -1, there) == (-10.0, True, False)  # an action it does not know
 
 
+def test_an_event_that_ends_its_own_condition_counts_where_the_step_is_as_predicted():
+    paid = event("paid", "(and (> (x) 0) (= (y) 0))", "(assign (y) 1) (increase (reward) 50)")
+    model = model_of(action("(increase (x) 1)") + paid)
+    before, done, other = (state_of(model, {"x": x, "y": y}) for x, y in ((0, 0), (1, 1), (2, 1)))
+    assert model.judge(before, 0, done).reward == 50.0
+    assert model.judged_passages(before, 0, done)[-1].gained == 50.0
+    assert model.judge(before, 0, other).reward == 0.0
+
+
 @pytest.mark.parametrize("precondition", ["(p)", "(and (q) (p))", f"(or (p) {NAN})"])
 def test_an_inapplicable_action_has_no_effects_while_the_world_goes_on(precondition):
     pays = action("(increase (reward) 5) (unsafe) (terminal) (increase (x) 1)", precondition)
