@@ -109,7 +109,7 @@ class TracedStep:
         """Return reward and flags of an observed transition; action -1 is not one of the model's.
 
         Next state and reward are what the events made of the observed one, or the predicted ones
-        where the next state is as predicted. `outcome` is the outcome of the action that took place.
+        where the next state is as predicted. `outcome` is that of the action which took place.
         """
         predicted = self.step(state, action, theta, dt, outcome=outcome)
         if predicted.flags & APPLICABLE and predicted.out[:-1] == next_state:
