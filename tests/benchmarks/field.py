@@ -262,8 +262,8 @@ def profiles(rows: list[Row]) -> None:
             share = np.mean([(part[:, None] > at).mean(axis=0) for part in parts], axis=0)
             own = name in colours
             label = name if own else "guides" if name == names[2] else None
-            axes.plot(at, share, color=colours.get(name, figures.FAINT), linewidth=2.4 if own else 1.0,
-                      alpha=1.0 if own else 0.6, label=label)  # fmt: skip
+            line = {"linewidth": 2.4} if own else {"linewidth": 1.0, "alpha": 0.6}
+            axes.plot(at, share, color=colours.get(name, figures.FAINT), label=label, **line)
         axes.set(xlabel="score of the final policy", ylabel="share of trials above it", ylim=(0, 1))
         axes.set_title(f"{SHORT:,} env steps, {len(parts)} tasks", color=figures.INK, pad=24)
         figures.caption(axes, "0: random actions · 1: the best known · higher is better")

@@ -39,7 +39,7 @@ def test_equal_seeds_give_equal_learners(name):
 def test_without_the_library_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3")
-    with pytest.raises(MissingExtra, match=r"`sb3-dqn`, `ppo`, `maskable-ppo`.*pip install 'serp\[sb3\]'"):
+    with pytest.raises(MissingExtra, match=r"`ppo`, `maskable-ppo`.*pip install 'serp\[sb3\]'"):
         importlib.import_module("serp_adapters.stable_baselines3")
 
 
