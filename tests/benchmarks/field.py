@@ -18,7 +18,8 @@ was not flagged. `updated`: 0 where the budget ends before the first update; not
 
 `exact` is finite-horizon value iteration in Gymnasium's own tables, within the time limit.
 `--print` prints interquartile means over tasks and seeds, with 95 % intervals of a bootstrap that
-is stratified by task (Agarwal et al. 2021), and draws performance profiles.
+is stratified by task (Agarwal et al. 2021), and draws performance profiles; field-summary.csv has
+the same table.
 """
 
 import argparse
@@ -293,10 +294,12 @@ def main() -> int:
             print(stop, file=sys.stderr)
             return 1
         return 0
-    for env_steps in (SHORT, LONG):
-        for k, cells in enumerate(table(read(), env_steps)):
-            print(f"|{'|'.join(cells)}|" + f"\n|{'---|' * len(cells)}" * (k == 0))
-        print()
+    found = [[f"{n:,}", *cells] for n in (SHORT, LONG) for cells in [*table(read(), n)][1:]]
+    found.insert(0, ["env steps", *next(table(read(), SHORT))])
+    for k, cells in enumerate(found):
+        print(f"|{'|'.join(cells)}|" + f"\n|{'---|' * len(cells)}" * (k == 0))
+    with (RESULTS / "field-summary.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(found)
     profiles(read())
     return 0
 
