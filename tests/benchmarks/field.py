@@ -14,7 +14,8 @@ the exact solution or the best mean of a policy in ladder.csv.
 by a mean of training episodes: the last 10, or those of the last 500 steps where they are fewer.
 Empty: not reached.
 `unsafe`, `avoidable`: training steps that came out unsafe; executed flagged actions while another
-was not flagged. `updated`: 0 where the budget ends before the first update; nothing else is shown.
+was not flagged. `updated`: whether a learner ever updated. Where the budget ends before its first
+update, the row has no numbers.
 
 `exact` is finite-horizon value iteration in Gymnasium's own tables, within the time limit.
 `--print` prints interquartile means over tasks and seeds, with 95 % intervals of a bootstrap that
@@ -234,9 +235,10 @@ def table(rows: list[Row], env_steps: int) -> Iterator[list[str]]:
     tasks = {row["task"] for row in rows if int(row["env_steps"]) == env_steps}
     for name in ALGORITHMS:
         final = samples(rows, name, "score", env_steps)
-        if len(final) < len(tasks):
+        if not tasks or len(final) < len(tasks):
             continue
-        trials = [r for r in rows if r["algorithm"] == name and int(r["env_steps"]) == env_steps]
+        own = [row for row in rows if row["algorithm"] == name and row["return"]]
+        trials = [row for row in own if int(row["env_steps"]) == env_steps]
         reached = [float(r["decisions"] or "inf") for r in trials]
         median = float(np.median(reached))
         counts = [sum(float(r[k]) for r in trials) / len(trials) for k in ("unsafe", "avoidable")]
