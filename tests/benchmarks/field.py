@@ -97,7 +97,8 @@ def run(options: argparse.Namespace, rows: dict[tuple[Any, ...], Row]) -> None:
                 "seeds": seeds, "env_steps": env_steps, "evaluate_every": max(500, env_steps // 10),
                 "evaluation_episodes": 5, "final_episodes": FINAL.get(task, 10),
                 "out": options.out / f"{task}-{env_steps}", "engine": options.engine,
-                "address": options.address, "jobs": options.jobs, "quiet": True,
+                "address": options.address, "quiet": True,
+                "jobs": options.jobs or (1 if options.engine == "local" else None),
             }  # fmt: skip
             try:
                 found = serp.compare(task, algorithms=shown, **given).results
@@ -281,7 +282,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--engine", default="local")
     parser.add_argument("--address")
-    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--jobs", type=int, help="trials at the same time; here 1")
     parser.add_argument("--out", type=Path, default=Path("runs/field"))
     parser.add_argument("--print", action="store_true", dest="prints")
     options = parser.parse_args()
