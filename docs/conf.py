@@ -8,6 +8,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 import click
+import typst
 from pygments import token
 from pygments.lexer import RegexLexer, words
 from pygments.lexers.special import TextLexer
@@ -100,6 +101,14 @@ def examples_as_code(app: Sphinx, ctx: click.Context, lines: list[str]) -> None:
     lines[:] = [*other[:1], *block, *other[1:]]
 
 
+def technical_report(app: Sphinx, error: Exception | None) -> None:
+    """Write the technical report beside the pages."""
+    if error is None and app.builder.format == "html":
+        source, root = app.srcdir / "report" / "report.typ", app.srcdir.parent
+        typst.compile(source, output=app.outdir / "report.pdf", root=root)
+
+
 def setup(app: Sphinx) -> None:
     """Called by Sphinx."""
     app.connect("sphinx-click-process-epilog", examples_as_code)
+    app.connect("build-finished", technical_report)

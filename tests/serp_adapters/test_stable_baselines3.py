@@ -9,6 +9,9 @@ import pytest
 
 import serp
 from serp.errors import MissingExtra
+from serp.runs.comparison.algorithms import find_algorithm, given
+from serp.runs.comparison.trial import make_external
+from serp.tasks.registry import find_task
 
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("sb3_contrib")
@@ -36,8 +39,25 @@ def test_equal_seeds_give_equal_learners(name):
 def test_without_the_library_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3")
-    with pytest.raises(MissingExtra, match=r"`sb3-dqn`, `ppo`.*pip install 'serp\[sb3\]'"):
+    with pytest.raises(MissingExtra, match=r"`ppo`, `maskable-ppo`.*pip install 'serp\[sb3\]'"):
         importlib.import_module("serp_adapters.stable_baselines3")
+
+
+def test_masks_are_what_the_file_allows():
+    """In the taxi's town they are Gymnasium's own masks."""
+    algorithm, random = find_algorithm("maskable-ppo"), np.random.default_rng(0)
+    with find_task("taxi").bind() as bound:
+        _, env, learner = make_external(algorithm, bound, algorithm.settings(bound.task, {}), 0)
+        x, info = env.reset()
+        for _ in range(150):
+            masks = env.action_masks()
+            assert (masks == info["action_mask"]).all()
+            assert masks[learner.act(x[np.newaxis], masks[np.newaxis])].all()
+            x, _, terminated, truncated, info = env.step(random.choice(np.flatnonzero(masks)))
+            if terminated or truncated:
+                x, info = env.reset()
+        learner.learn(60)
+    assert "domain file" in given("maskable-ppo") and "domain file" not in given("ppo")
 
 
 # The file knows nothing of the slips at the cliff, so its lookahead fails.

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 from serp.errors import MissingExtra
 
 if find_spec("stable_baselines3") is None:
-    raise MissingExtra("what is of stable-baselines3 (`sb3-dqn`, `ppo`)", "sb3")
+    raise MissingExtra("what is of stable-baselines3 (`sb3-dqn`, `ppo`, `maskable-ppo`)", "sb3")
 
-from serp_adapters.stable_baselines3.algorithms import StableBaselines3, dqn, ppo
+from serp_adapters.stable_baselines3.algorithms import MaskedPPO, StableBaselines3, dqn, ppo
 
 if TYPE_CHECKING:
     from serp_adapters.stable_baselines3.buffer import ExecutedActionBuffer
 
-__all__ = ["ExecutedActionBuffer", "StableBaselines3", "dqn", "ppo"]
+__all__ = ["ExecutedActionBuffer", "MaskedPPO", "StableBaselines3", "dqn", "ppo"]
 
 
 def __getattr__(name: str) -> Any:

@@ -27,6 +27,8 @@ class ExternalAlgorithm(Protocol):
     """A learner of another library, with its environment.
 
     One that has `first_update`, the env steps until its first update, is refused with less budget.
+    One that has `masked = True`, as has what makes it, is called `act(inputs, masks)`: `[B, E]` the
+    actions that it may choose. In training, `ExternalEnv.action_masks` returns them.
     """
 
     def learn(self, env_steps: int) -> None:
@@ -118,6 +120,8 @@ def given(name: str) -> str:
         return "your controller, domain file"
     base = name.partition(":")[0].partition("@")[0]
     kind = OWN[base].kind if base in OWN else "guided" if base in offered(STRATEGIES) else ""
+    if base in algorithm_entries() and getattr(find_algorithm(base).make_external, "masked", False):
+        return "the actions that the domain file allows"
     return {"guided": "domain file, the planner's steps", "planner": "domain file"}.get(kind, "–")
 
 

@@ -28,10 +28,11 @@ from serp._util.plugins import blaming
 from serp._util.processes import one_thread
 from serp.agent.agent import Agent, account_of
 from serp.agent.decision import Decision
-from serp.agent.protocols import Learner
+from serp.agent.protocols import Learner, Mask
 from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, RunError, TaskError
 from serp.learning.dqn import Proposal
+from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
@@ -225,6 +226,19 @@ class ExternalEnv(Bookkeeping, TaskEnv):
             raise _Spent
         return self._agent.guarded.execute(rollout.state, Proposal(action, False))
 
+    def action_masks(self, x: Vector | None = None) -> Mask:
+        """Return `[E]` the actions that the file allows for an input, by default the current one.
+
+        These are the applicable ones that it does not flag, and those that it does not know; all,
+        if there are none. Nothing learned is in it.
+        """
+        state = self.running.state if x is None else x[self._task.observation_size :]
+        flags = self._agent.guarded.execute(state, Proposal(0, False)).forecast.flags
+        known = self._task.actions.modelled
+        possible = (flags & (APPLICABLE | UNDEFINED)) != 0
+        allowed: Mask = (possible | ~known) & ((flags & UNSAFE) == 0)
+        return allowed if allowed.any() else np.ones_like(allowed)
+
     def after_step(self, step: StepRecord) -> dict[str, Any]:
         """Count, write and report the step; the info is the task's."""
         self.record_step(step, self.episode + 1)
@@ -257,11 +271,14 @@ class _ExternalLearner(NamedTuple):
     external: ExternalAlgorithm
     name: str
     actions: int
+    env: ExternalEnv
 
     def propose_greedily(self, x: Vector) -> Proposal:
         """Propose the greedy action for one input `[F]`."""
+        masked = getattr(self.external, "masked", False)
+        masks = [self.env.action_masks(x)[np.newaxis]] if masked else []
         with _blamed(self.name):
-            (action,) = self.external.act(x[np.newaxis].astype(np.float32))
+            (action,) = self.external.act(x[np.newaxis].astype(np.float32), *masks)
             if action not in range(self.actions):
                 raise ValueError(
                     f"act returned {action!r}; a whole number 0 ... {self.actions - 1} is wanted"
@@ -276,7 +293,7 @@ def _train_external(
     seed, settings, budget = job.seed, job.settings, job.protocol.env_steps
     agent, env, external = make_external(job.algorithm, bound, settings, seed)
     shutil.rmtree(job.folder, ignore_errors=True)
-    learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size)
+    learner = _ExternalLearner(external, job.algorithm.name, bound.actions.size, env)
     agent.learner = cast(Learner, learner)
     evaluations = _Evaluations(job, agent, bound, arena)
     run = Run.begin(

@@ -129,6 +129,12 @@ def test_an_external_one_writes_a_run_folder_with_the_budget(tmp_path, external)
     assert set(record.evaluations["policy"]) == {"learner"}
 
 
+def test_a_masked_one_is_evaluated_within_the_masks(tmp_path, external):
+    todo = job(walk(tmp_path), "masked", tmp_path / "masked")
+    run_trial(todo)
+    assert not read_trial(todo).evaluations["terminated"].any()
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
