@@ -1,6 +1,6 @@
 """Draw the defender's three moves, as in the paper's Figure 3, from the simulation itself.
 
-    python docs/soccer_actions.py docs/images/soccer-actions.png
+    python docs/drawings/soccer_actions.py docs/images/soccer-actions.png
 
 Every panel starts from the same contest and holds one action. Where the robots and the ball have
 been stays on the picture, fainter the longer ago.
@@ -82,9 +82,8 @@ def around(frame: Frame) -> NDArray[np.bool_]:
     return covered[..., None]
 
 
-def panel(name: str, action: int, decisions: int) -> Image.Image:
+def panel(name: str, seen: list[Frame]) -> Image.Image:
     """Return one panel, with the name of the action above it."""
-    seen = frames(action, decisions)
     picture = Image.fromarray(faded(seen))
     (x, y), _ = seen[0].circles[0]
     middle = x, y + AROUND // 3  # the goal is below
@@ -98,18 +97,23 @@ def panel(name: str, action: int, decisions: int) -> Image.Image:
     return whole
 
 
+def beside(panels: list[Image.Image]) -> Image.Image:
+    """Return the panels side by side."""
+    gap = 8
+    whole = Image.new("RGB", (len(panels) * (WIDTH + gap) - gap, WIDTH + BAND), "white")
+    for k, picture in enumerate(panels):
+        whole.paste(picture, (k * (WIDTH + gap), 0))
+    return whole
+
+
 def main() -> None:
     """Draw the panels side by side."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--decisions", type=int, default=9)
     options = parser.parse_args()
-    panels = [panel(name, action, options.decisions) for name, action in MOVES]
-    gap = 8
-    whole = Image.new("RGB", (len(panels) * (WIDTH + gap) - gap, WIDTH + BAND), "white")
-    for k, picture in enumerate(panels):
-        whole.paste(picture, (k * (WIDTH + gap), 0))
-    whole.save(options.out, optimize=True)
+    moves = [panel(name, frames(action, options.decisions)) for name, action in MOVES]
+    beside(moves).save(options.out, optimize=True)
 
 
 if __name__ == "__main__":

@@ -25,8 +25,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="1-3", help="one, or first-last")
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("-")
-    print("| policy | return | goals | won | decisions | unsafe | hits |")
-    print("|---|---|---|---|---|---|---|")
+    print("| policy | return | goals | won | unsafe |\n|---|---|---|---|---|")
     with load_task(arguments.task).bind() as task:
         for name in policies(task, 0):
             counts, returns = Counter[str](), []
@@ -39,8 +38,7 @@ def main() -> None:
             print(
                 f"| {name} | {np.mean(returns):.2f} ± {np.std(returns) / n**0.5:.2f} "
                 f"| {100 * counts['goal'] / n:.1f} % | {100 * won / n:.1f} % "
-                f"| {counts['decisions'] / n:.1f} | {counts['unsafe'] / n:.2f} "
-                f"| {counts['hits'] / n:.2f} |",
+                f"| {counts['unsafe'] / n:.2f} |",
                 flush=True,
             )
 
