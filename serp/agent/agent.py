@@ -118,7 +118,7 @@ class Agent:
         inputs = task.observation_size + len(task.model.fluents)
         if not inputs:
             raise TaskError(
-                f"task {task.name}: there is nothing to learn from, as the observation holds no "
+                f"task {task.name}: the learner has no input, because the observation holds no "
                 "number and the domain file declares no predicate or function"
             )
         self.learner = make_learner(
@@ -229,9 +229,9 @@ class Agent:
             self.adaptation.reset_visits()
         if relied_on and not vetoes.reliability.reliable and on_notice is not None:
             on_notice(
-                f"{vetoes.reliability} something unsafe happened that was avoidable by the "
-                "domain file. From now on vetoes use only its prediction of the next step. Check "
-                "the effects of its actions."
+                f"{vetoes.reliability} a step was unsafe that the domain file had predicted to be "
+                "avoidable. From now on, vetoes use only its prediction of the next step. Check "
+                "the effects in the file."
             )
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward

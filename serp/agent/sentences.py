@@ -40,7 +40,7 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     if most is not None and len(lines) > most:
         lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
     if alternative.beyond:
-        lines.append(f"{signed(alternative.beyond)} estimated after these steps, discounted.")
+        lines.append(f"{signed(alternative.beyond)} is estimated for later steps (discounted).")
     return lines
 
 
@@ -120,8 +120,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. The best path within the accepted risk of the safest one is "
-            f"taken; its risk is {percent(risk)}."
+            f"{where} too risky. The best path is taken that exceeds the least risk by at most "
+            f"planner.accepted_risk; its risk is {percent(risk)}."
         )
     else:
         sentences.append(
@@ -191,7 +191,7 @@ def why_refused(
     if reason is Reason.LOW_REWARD:
         return f": it is {readable(reward)}"
     if reason is Reason.FEW_WAYS_ON:
-        return " beyond the lookahead, where another action leaves more"
+        return " beyond the lookahead; another action leaves more"
     return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 

@@ -249,7 +249,7 @@ class _SectionReader:
         count = len(still)
         return _unbalanced(
             f"{'a' if count == 1 else count} `)` {'is' if count == 1 else 'are'} missing: "
-            f"`{' '.join(shown.split())}` of line {form.line} has not ended where {where}",
+            f"`{' '.join(shown.split())}` of line {form.line} is still open where {where}",
             before.source.place(before.end, before.end),
             ")" * count,
         )

@@ -223,9 +223,9 @@ def find_task(named: Task | str) -> Task:
     if loaded.problem_syntax is None or not loaded.problem_syntax.has_init:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
-            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
-            "environment of your own, write a serp.Task (serp new does) and name it: --task "
-            "FILE.py:FUNCTION; without one, write a problem with an :init: the file is then a world"
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have "
+            "an environment, write a serp.Task (as `serp new` does) and give --task "
+            "FILE.py:FUNCTION. If not, add a problem file with an `:init`; it is then the world"
         )
     from serp.tasks.file_world import file_task
 

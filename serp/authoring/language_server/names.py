@@ -125,41 +125,41 @@ MEANINGS = {
         for word, instead in INSTEAD.items()
         if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
     },
-    ":requirements": "What other PDDL tools have to support to read the file.",
+    ":requirements": "The features that other PDDL tools need to read the file.",
     ":types": "Kinds of objects: `cup plate - dish` are two kinds of dishes.",
     ":constants": "Objects that every problem has.",
-    ":predicates": "What is true or false.",
-    ":functions": "What has a number.",
+    ":predicates": "Facts that are true or false.",
+    ":functions": "Quantities that have a number.",
     ":action": "What the robot can do. One action is carried out in each step.",
     ":process": "What the world does by itself: while its condition holds, it changes numbers at a "
     "rate, after the action of each step.",
-    ":event": "What happens at a point: once in a step, as soon as its condition holds, after "
-    "action and processes.",
-    ":parameters": "The objects that it is about; there is an instance for each choice of them.",
+    ":event": "What happens at a threshold: once in a step, if its condition holds after the "
+    "action and the processes.",
+    ":parameters": "Variables for objects. Each choice of objects makes an instance.",
     ":precondition": "When it can happen. An action whose precondition does not hold is not "
     "applicable.",
-    ":effect": "What it changes. All effects are evaluated before any of them is made.",
-    ":init": "The state at the start; what is not stated is false.",
-    ":goal": "Where this holds, the task ends.",
+    ":effect": "What it changes. All effects are evaluated before any is applied.",
+    ":init": "The initial state. Predicates that it does not list are false.",
+    ":goal": "If this holds, the task ends.",
     ":metric": "What is to be maximised or minimised; `(reward)` by default.",
-    "imply": "Where the first holds, so does the second.",
+    "imply": "If the first condition holds, the second must hold, too.",
     "forall": "For every object of a type.",
     "exists": "For at least one object of a type.",
-    "when": "An effect that happens only where a condition holds before the step.",
+    "when": "An effect that happens only if a condition holds before the step.",
     "assign": "Sets a function to a number.",
     "increase": "Adds a number to a function; in a process, a rate: `(* #t rate)`.",
     "decrease": "Takes a number from a function; in a process, a rate: `(* #t rate)`.",
     "scale-up": "Multiplies a function by a number.",
     "scale-down": "Divides a function by a number.",
     "#t": "The time that passes in a step; a factor of a rate in a process.",
-    "reward": "Reserved: what it gains in a step is the reward of the step.",
-    "unsafe": "Reserved: what makes it true damages something, and is avoided as long as anything "
-    "else is possible. It is false again in the next step.",
-    "terminal": "Reserved: what makes it true ends the task.",
-    "minimize": "What it loses in a step is the reward of the step.",
-    "maximize": "What it gains in a step is the reward of the step.",
+    "reward": "Reserved: its increase in a step is the reward of the step.",
+    "unsafe": "Reserved: make it true if something is damaged. Such actions are avoided while "
+    "another one is possible. It is false again in the next step.",
+    "terminal": "Reserved: if it becomes true, the task ends.",
+    "minimize": "The decrease of this number in a step is the reward of the step.",
+    "maximize": "The increase of this number in a step is the reward of the step.",
     "total-time": "The time since the start; a metric can read it.",
-    ":math-functions": "The file has `sqrt`, `sin` and the like, which other PDDL tools refuse.",
+    ":math-functions": "The file may use functions such as `sqrt`; other PDDL tools refuse them.",
 }
 """Word → its meaning, of those that a name does not tell."""
 

@@ -37,7 +37,7 @@ def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
             if isinstance(atom, x.Atom) and subject.domain.syntax.declarations[atom.name].reserved:
                 yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so {what} always finds it "
-                    "false; events are the ones that can read it",
+                    "false; read it in an event",
                     atom.place,
                 )
 
@@ -129,7 +129,7 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
             for effect in settings:
                 if not effect.value and x.meaning(effect.atom) in made:
                     yield DomainWarning(
-                        f"`{effect.place.text}` in {what} comes to nothing: "
+                        f"`{effect.place.text}` in {what} has no effect, because "
                         f"`{effect.atom.place.text}` is made true at the same time",
                         effect.place,
                     )

@@ -217,7 +217,7 @@ class RuleFinding(_OfFluent):
             return f"no line predicted the reward of {unpredicted}, {observed} on average"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"
-            return f"never predicted; it applied in {unpredicted}{reward}"
+            return f"never predicted; this line took effect in {unpredicted}{reward}"
         text = f"predicted in {plural(self.predicted, 'step')}"
         if ends:
             text += f"; the task ended in {self.correct:,} of them"
@@ -225,7 +225,9 @@ class RuleFinding(_OfFluent):
             text += f": predicted mean reward {readable(self.expected)}, observed {observed}"
             text += f"; {self.correct:,} of {plural(self.predicted, 'step')} matched"
         return text + (
-            f"; the line applied unpredicted in {unpredicted}" if self.unpredicted else ""
+            f"; this line also took effect in {unpredicted} that were not predicted"
+            if self.unpredicted
+            else ""
         )
 
 
