@@ -116,7 +116,7 @@ def special_about(forecast: Forecast) -> list[str]:
         return sentences
     steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
     if forecast.unsafe[chosen]:
-        sentences.append("Every action is predicted unsafe. The one with the best return is taken.")
+        sentences.append("Every action is predicted unsafe. The best return decides.")
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
@@ -125,7 +125,7 @@ def special_about(forecast: Forecast) -> list[str]:
         )
     else:
         sentences.append(
-            "Every path leads to something unsafe. The one that stays safe the longest, for "
+            "Every path leads to something unsafe. The path that stays safe the longest, for "
             f"{plural(steps, 'control period')}, is taken."
         )
     return sentences

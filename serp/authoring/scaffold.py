@@ -59,8 +59,8 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
         raise TaskError(f"{path}: there is no folder {path.parent}")
     if (like := task_like(name)) is not None:
         raise TaskError(
-            f"{name}: `{like}` is an installed task, and a file of this name would belong to it; "
-            "choose another name"
+            f"{name}: `{like}` is an installed task, so a file of this name would belong to that "
+            "task; choose another name"
         )
     endings = (".pddl", "-problem.pddl" if env is None else ".py", ".scenarios")
     files = [path.with_name(f"{name}{ending}") for ending in endings]

@@ -484,7 +484,7 @@ class _Instantiation:
                     joint[both] = joint.get(both, 0.0) + one.probability * other.probability
                 if len(joint) > MOST_OUTCOMES:
                     raise DomainError(
-                        f"an action with more than {MOST_OUTCOMES} outcomes", effect.place,
+                        f"this action has more than {MOST_OUTCOMES} outcomes", effect.place,
                         "write one action for each random event",
                         code="too-large",
                     )  # fmt: skip

@@ -90,8 +90,8 @@ class StateSpace:
     def _unknown_fluent(self, name: str) -> str:
         if name in self.ground.static:
             return (
-                f"`{name}` is fixed: :init gives its value, and no effect changes it; "
-                "leave it out here, or remove it from :init"
+                f"`{name}` is fixed, because `:init` gives its value and no effect changes it; "
+                "leave it out here, or remove it from `:init`"
             )
         return f"unknown fluent `{name}`; {did_you_mean(name, self._index)}"
 

@@ -128,7 +128,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
     expression = x.Arithmetic(operator, operands, group.place)
     if _chain(expression) > max_chain:
         raise DomainError(
-            f"an expression with more than {max_chain} operations in a row",
+            f"this expression has more than {max_chain} operations in a row",
             expression.place,
             "assign a part of it to a function first",
             code="too-large",
@@ -336,9 +336,7 @@ def _chance(group: Group, scope: Scope) -> x.Chance:
             )  # fmt: skip
         chances, effects = [_probability(node) for node in items[::2]], items[1::2]
     if not items or sum(chances) > 1.0 + 1e-9:
-        problem = (
-            f"the probabilities add up to {sum(chances):g}" if items else "`oneof` has no outcome"
-        )
+        problem = f"the probabilities add up to {sum(chances):g}" if items else "`oneof` is empty"
         raise DomainError(problem, group.place, "they may add up to at most 1")
     return x.Chance(
         tuple(

@@ -49,8 +49,8 @@ class Judge:
         self._model = task.model
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
-                f"training: reward is {self.source}, but the domain of task {task.name} says "
-                "nothing about reward; write `(increase (reward) ...)` in an action or event, or "
+                f"training.reward is {self.source}, but the domain of task {task.name} gives no "
+                "reward; write `(increase (reward) ...)` in an action or event, or "
                 "set training.reward=environment"
             )
 

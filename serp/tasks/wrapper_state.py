@@ -50,9 +50,7 @@ def restore(
             if part.kind == "statistics" or not statistics_only:
                 part.restore(state)
         elif state["kind"] != "generator":  # the first reset may make a generator
-            raise ValueError(
-                f"the saved environment has a wrapper with `{name}`, this one has none"
-            )
+            raise ValueError(f"only the saved environment has a wrapper with `{name}`")
 
 
 def has_statistics(env: gym.Env[Any, Any]) -> bool:

@@ -34,10 +34,7 @@ from serp.ui.output import print_table, show
 from serp.ui.root import say
 
 HELP: Final = (
-    (
-        "ACTION",
-        "execute this action (its number, name or beginning); `ACTION * 5`: five times",
-    ),
+    ("ACTION", "execute this action (its number, name or beginning); `ACTION * 5`: five times"),
     ("?", "ask the planner what each action would lead to, and why"),
     ("p [N]", "let the planner act (N times)"),
     ("u [N]", "undo the last step or change (the last N)"),

@@ -173,7 +173,7 @@ def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
             )  # fmt: skip
             why = "its precondition can never hold" + (" in this problem" if problem else "")
             if empty:
-                nor = "" if problem else " (nor a problem file that could name some)"
+                nor = "" if problem else ", and no problem file that could declare one"
                 why = f"there is no object of type `{'/'.join(empty)}`{nor}"
             yield DomainWarning(f"{what} has no instance: {why}", place)
 

@@ -394,7 +394,5 @@ def _expected(values: Mapping[str, float], decider: Decider, title: str) -> list
         if reason in dangers:
             expected.append(f"  refuses {decider.name(action)} because {dangers[reason]}")
     if not expected:
-        raise SerpError(
-            f"{title}: nothing to expect: the planner has no action, and none is unsafe"
-        )
+        raise SerpError(f"{title}: the planner has no action here, and no action is unsafe")
     return expected

@@ -113,9 +113,7 @@ class _Statement:
         title = self._rest.strip()
         if not title:
             raise DomainError(
-                "the scenario has no title",
-                self.place,
-                write="scenario the pole leans to the right",
+                "this scenario has no title", self.place, write="scenario the pole leans right"
             )
         if (twin := known.get(title.lower())) is not None:
             raise DomainError(

@@ -214,7 +214,7 @@ class RuleFinding(_OfFluent):
         if not self.schema:
             if ends:
                 return f"the task ended in {unpredicted} for which no line predicted an end"
-            return f"no line predicted the reward of {unpredicted}, {observed} on average"
+            return f"no line predicted the reward in {unpredicted} ({observed} on average)"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"
             return f"never predicted; this line took effect in {unpredicted}{reward}"
@@ -224,11 +224,7 @@ class RuleFinding(_OfFluent):
         else:
             text += f": predicted mean reward {readable(self.expected)}, observed {observed}"
             text += f"; {self.correct:,} of {plural(self.predicted, 'step')} matched"
-        return text + (
-            f"; this line also took effect in {unpredicted} that were not predicted"
-            if self.unpredicted
-            else ""
-        )
+        return text + (f"; observed but not predicted in {unpredicted}" if self.unpredicted else "")
 
 
 Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding

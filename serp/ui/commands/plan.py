@@ -176,9 +176,7 @@ def _asked_state(
             origin = "in the given state"
     else:
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
-        other = (
-            "a problem file with an :init" if task is None else "--observe for the environment's"
-        )
+        other = "a problem file with an :init" if task is None else "--observe"
         raise SerpError(
             f"{domain.source.name}: the state is incomplete: --state gives no value of "
             f"{listed(missing)}; give these, too, or {other}"

@@ -86,10 +86,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     because = f": {because}" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
     file = run.domain.source.name
-    show(
-        f"Steps are numbered from 0, episodes from 1. Line numbers refer to {file} in the run.",
-        style="dim",
-    )
+    show(f"Steps count from 0, episodes from 1. Lines refer to {file} in the run.", style="dim")
     for line in [*who_acted(account), ""]:
         show(line)
     refused = account.proposed if account.step.decision.vetoed else ""
@@ -97,9 +94,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     if account.ahead_by:
         show(f"Later steps were planned again with {account.ahead_by}.")
     else:
-        show(
-            "Later steps are not shown, because the model has changed since and plans differently."
-        )
+        show("Later steps are not shown, because the model of that time has changed since.")
     differences = what_would_differ(account)
     for line in ["", *what_came(account), *([""] if differences else []), *differences]:
         show(line)
@@ -175,10 +170,10 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
     show(f"Measured policy: {result['meaning']}.")
     steps = sum(result["lengths"])
-    unsafe = f"{plural(result['unsafe_executed'], 'action')} executed that the domain file flags"
+    unsafe = f"The file flagged {plural(result['unsafe_executed'], 'executed action')}"
     if result["avoidable_unsafe"]:
         unsafe += f", {result['avoidable_unsafe']:,} of them while another action was not flagged"
-    unsafe += f"; {plural(result['unsafe_observed'], 'step')} observed unsafe, predicted or not"
+    unsafe += f". {result['unsafe_observed']:,} of {steps:,} steps were observed unsafe"
     interval = ""
     if result["confidence_interval"] is not None:
         low, high = map(readable, result["confidence_interval"])
@@ -188,7 +183,7 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
                    f"{readable(result['max'])}, median {readable(result['median'])}"),
         ("terminated", f"{result['terminated']} of {episodes} episodes"),
-        ("unsafe", f"{unsafe}; {plural(steps, 'step')} in all"),
+        ("unsafe", unsafe),
         ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
     ]  # fmt: skip
     print_table(("", ""), rows)
@@ -214,9 +209,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
                 f"{share['indifferent']}, all actions had the same value"
             )
             if sight["mean_depth"] is not None:
-                parts.append(
-                    f"Other plans had a mean depth of {readable(sight['mean_depth'])} steps"
-                )
+                parts.append(f"Other plans saw {readable(sight['mean_depth'])} steps on average")
         if sight["safety_alone"]:
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
         rows.append(("lookahead", ". ".join(parts)))
