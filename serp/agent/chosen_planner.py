@@ -155,7 +155,7 @@ class ChosenPlanner:
         if isinstance(self._planner, PlanFollower) and self._planner.plan:
             length = plural(len(self._planner.plan), "action")
             return f"{self.name} follows a plan of {length} to the goal."
-        discount = f"discount {readable(self.settings.discount)}"
+        discount = f"with discount {readable(self.settings.discount)}"
         if plan.forecast.bound is Bound.EXHAUSTED:
             return f"{self.name} expanded every state that can be reached, {discount}."
         states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""

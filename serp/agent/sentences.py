@@ -88,9 +88,9 @@ def lesser(other: RunnerUp) -> str:
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
         "delay": "which is worth the same but gains it later",
-        "rank": "which is less safe one step ahead, regardless of its return",
-        "risk": f"whose path has more risk ({own} against {taken}), regardless of its return",
-        "safe steps": "whose path stays safe for fewer steps, regardless of its return",
+        "rank": "which is less safe in the next step; safety counts before return",
+        "risk": f"whose path has more risk ({own} against {taken}); risk counts before return",
+        "safe steps": "whose path stays safe for fewer steps; safety counts before return",
     }[other.by]
 
 

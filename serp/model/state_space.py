@@ -105,7 +105,7 @@ class StateSpace:
         vector = self.check_shape(state)
         for fluent, value in zip(self.fluents, vector.tolist(), strict=True):
             if value - value != 0.0:
-                raise StateError(f"the value of fluent `{fluent.name}` is {value}")
+                raise StateError(f"fluent `{fluent.name}` must be a finite number, not {value}")
             if not fluent.numeric and value not in (0.0, 1.0):
                 raise StateError(f"predicate `{fluent.name}` must be 0 or 1, not {value}")
         return vector

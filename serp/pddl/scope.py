@@ -20,7 +20,7 @@ INSTEAD = {
             ":durative-action :durative-actions :duration-inequalities"
         ),
         "write `(:derived (predicate ...) condition)`": ":axiom",
-        "write an event that sets `(unsafe)` where a constraint is broken": (
+        "write an event that sets `(unsafe)` if a constraint is violated": (
             ":constraint :constraints :safety-constraints"
         ),
         "write `(increase (reward) ...)` under a `when`, or as an event": (
@@ -32,7 +32,7 @@ INSTEAD = {
         "give the likeliest value; in a task, the environment gives the real one": (
             "unknown oneof probabilistic :contingent :partial-observability :unknown"
         ),
-        "write `- number`, or a predicate with one more parameter": ":object-fluents",
+        "write `- number`, or a predicate with an additional parameter": ":object-fluents",
         "write actions only; the planner chooses among them": (
             ":method :task :hierarchy :htn :method-preconditions :action-expansions"
         ),

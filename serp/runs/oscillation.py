@@ -62,5 +62,5 @@ def oscillation(run: Run, recording: Recording) -> str | None:
     which = " and ".join(f"`{name}`" for name, _ in common)
     return (
         f"The robot moves back and forth without progress in {percent(len(cycle) / len(states))} "
-        f"of the newest {len(states):,} steps, by {which}. Likely cause: {why}."
+        f"of the newest {len(states):,} steps, with {which}. The likely cause: {why}."
     )

@@ -44,7 +44,7 @@ HELP: Final = (
     ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
     ("h", "show this help"),
     ("q", "quit"),
-    ("", "on a terminal, an empty line repeats the last one"),
+    ("", "on a terminal, an empty line repeats the last command"),
 )
 
 

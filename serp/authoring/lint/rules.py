@@ -150,7 +150,7 @@ _CANNOT = {
 @rule("no-action")
 def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.actions:
-        text, advice = "no ground action, so there is nothing to plan with", ""
+        text, advice = "there is no ground action, so there is nothing to plan with", ""
         if subject.waits_for_problem:
             advice = (
                 "give the problem file that names the objects: NAME-problem.pddl beside "
