@@ -341,7 +341,7 @@ def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
     width = max(7, *(len(entry.name) for entry in numbers))
     functions = [f"    ({e.name}){_comment(e, width - len(e.name))}" for e in numbers]
     functions.append(
-        f"    (reward)){' ' * (width - 7)}  ; reserved: its gain is the reward of a step"
+        f"    (reward)){' ' * (width - 7)}  ; reserved: its increase is the reward of a step"
     )
     schemas = [f"  (:action {entry.name}{_comment(entry)}\n"
                "    :parameters ()\n    :precondition (and)\n    :effect (and))\n"

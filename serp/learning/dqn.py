@@ -199,7 +199,7 @@ class DQN:
             saved.array(name, np.float32, array.shape, low)
         if saved.has("target") and "target" not in trained:
             raise RunError(
-                "the saved learner has a target network, but the new settings make none; continue "
+                "the saved learner has a target network, but the new settings have none; continue "
                 "with the original settings"
             )
         env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")

@@ -102,8 +102,8 @@ class ActionMap:
         if mapping is None:
             if count > size:
                 raise TaskError(
-                    f"the domain has {count} ground actions, the environment {size}; give the "
-                    "task `actions={name: number}` to map them"
+                    f"the domain has {count} ground actions, but the environment has {size}; give "
+                    "the task `actions={name: number}` to map them"
                 )
             return list(range(count))
         if not isinstance(mapping, Mapping):

@@ -151,7 +151,7 @@ MEANINGS = {
     "decrease": "Subtracts a number from a function. In a process it is a rate: `(* #t rate)`.",
     "scale-up": "Multiplies a function by a number.",
     "scale-down": "Divides a function by a number.",
-    "#t": "The time that passes in a step. A process multiplies its rate by it.",
+    "#t": "The time that passes in a step, by which a process multiplies its rate.",
     "reward": "Reserved: its increase in a step is the reward of the step.",
     "unsafe": "Reserved: make it true if something is damaged. Such actions are avoided while "
     "another one is possible. It is false again in the next step.",

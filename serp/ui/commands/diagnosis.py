@@ -70,9 +70,9 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
     show(f"{recorded.path}: {file} compared with {newest}")
     if sample.left_out:
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
+        reasons = ", ".join(f"{count:,} with {reason}" for reason, count in sample.left_out.items())
         skipped = plural(sum(sample.left_out.values()), "step")
-        show(f"{skipped} not compared, because of: {reasons}")
+        show(f"{skipped} could not be compared: {reasons}")
     if recorded.made.learned_from == "environment":
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
                    "[default: the most informative step]")  # fmt: skip
 @click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
 @click.option("--evaluation", metavar="NAME",
-              help="Explain a step of this evaluation, such as serp-seed0, not of the training.",
+              help="Explain a step of this evaluation (such as serp-seed0), not of the training.",
               )  # fmt: skip
 @json_option
 def why(

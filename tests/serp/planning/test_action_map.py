@@ -45,7 +45,7 @@ def test_a_map_that_does_not_fit_is_refused(mapping, said):
 
 
 def test_more_ground_actions_than_the_environment_has_need_a_map():
-    with pytest.raises(TaskError, match=f"{len(NAMES)} ground actions, the environment 2"):
+    with pytest.raises(TaskError, match=f"{len(NAMES)} ground actions, but the environment has 2"):
         ActionMap(MODEL, 2)
 
 

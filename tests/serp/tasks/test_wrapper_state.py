@@ -79,7 +79,7 @@ class Wider(Found):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (Found, "`obs_rms`, this one has none"),
+        (Found, "only the saved environment has a wrapper with `obs_rms`"),
         (
             lambda: wrappers.NormalizeObservation(Corridor()),
             "0 wrappers with a state_dict.*one has 1",

@@ -78,10 +78,10 @@ def test_all_that_is_wrong_is_told_at_once_and_nothing_that_follows_from_it():
         "3:10": "no action `wit`",
         "5:3": "did you mean `chooses`",
         "8:9": "expected `=`",
-        "10:1": "nothing is expected",
+        "10:1": "has no expectation",
         "11:1": "two scenarios",
-        "13:3": "the situation comes before",
-        "16:3": "comes first",
+        "13:3": "this line describes the situation",
+        "16:3": "must be the first line",
     }
     for message, (place, problem) in zip(messages, wrong.items(), strict=True):
         assert message.startswith(f"lamp.scenarios:{place}: ") and problem in message

@@ -190,7 +190,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
         ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
-        ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),
+        ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, but the environment has 4"),
         ({"out": 3}, SettingsError, "compare.out"),
         ({"out": "a"}, RunError, "a is not empty"),
     ],

@@ -132,7 +132,7 @@ def test_an_external_one_writes_a_run_folder_with_the_budget(tmp_path, external)
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lazy", "`lazy` made 120 env steps of 130 and ended"),
+        ("lazy", "`lazy` ended after 120 of 130 env steps"),
         ("faulty", "`faulty` failed: ValueError: expected scalar type"),
         ("absent", "^it needs more memory than there is"),
     ],
