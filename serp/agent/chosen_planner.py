@@ -157,12 +157,12 @@ class ChosenPlanner:
             return f"{self.name} follows a plan of {length} to the goal."
         discount = f"with discount {readable(self.settings.discount)}"
         if plan.forecast.bound is Bound.EXHAUSTED:
-            return f"{self.name} expanded every state that can be reached, {discount}."
-        states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""
+            return f"{self.name} expanded every reachable state {discount}."
+        states = f" ({plural(plan.nodes, 'state')})" if self.decided_by_graph(plan) else ""
         why = {
             Bound.CELLS: " Rewards beyond the lookahead are estimated by values of cells.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
         }.get(plan.forecast.bound, "")
         depth = plural(plan.forecast.depth, "action")
-        return f"{self.name} looked ahead {depth}{states}, {discount}.{why}"
+        return f"{self.name} looked ahead {depth}{states} {discount}.{why}"
