@@ -168,7 +168,7 @@ class VetoPolicy(Declared):
         rate = f"{percent((counted.failures + 1) / (counted.steps + 2))} per step"
         text = f"The lookahead failed {counted}; its failure rate is {rate} (Laplace estimate)"
         if self.looks_farther:
-            text += ". An action must now leave two safe continuations beyond it"
+            text += ". Actions must now leave two safe continuations beyond the lookahead"
         elif not counted.reliable:
             text += ". Vetoes now consider only the next step"
         return text

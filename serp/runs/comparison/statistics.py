@@ -56,8 +56,8 @@ MEASURES: Final = (
             "higher", "returns", True),
     Measure("threshold_env_steps", "env steps to the threshold",
             "Env steps until the mean return of 20 training episodes in a row first reaches the "
-            "threshold. If it never does, statistics use the whole budget. With fewer than 20 "
-            "episodes, there is no value.",
+            "threshold. If it is never reached, statistics use the whole budget. With fewer than "
+            "20 episodes, there is no value.",
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
             "Mean, over the env steps of the budget, of the return of the learner alone (greedy, "

@@ -114,9 +114,9 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
               help="Show the steps of this recorded evaluation.  [default: of the training]",
               )  # fmt: skip
 @click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
-              help="Most steps in the file.")  # fmt: skip
+              help="Largest number of steps.")  # fmt: skip
 @click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
-              metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
+              metavar="N", help="Largest number of pictures (at most 6 MB).")  # fmt: skip
 def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Write RUN, a folder of plan-and-learn, as one HTML file.
 
