@@ -229,9 +229,9 @@ class Agent:
             self.adaptation.reset_visits()
         if relied_on and not vetoes.reliability.reliable and on_notice is not None:
             on_notice(
-                f"{vetoes.reliability} a step was unsafe that the domain file had predicted to be "
-                "avoidable. From now on, vetoes use only its prediction of the next step. Check "
-                "the effects in the file."
+                f"{vetoes.reliability}, a step was unsafe although the lookahead had predicted a "
+                "safe path. From now on, vetoes consider only the next step. Check the effects of "
+                "the actions in the domain file."
             )
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward

@@ -148,7 +148,7 @@ def who_decided(
     """
     of_all = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
     (proposal, proposer), (action, actor) = proposed, executed
-    who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
+    who = "Random exploration" if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
         rarely = ", because it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
@@ -156,7 +156,7 @@ def who_decided(
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
         if indifferent:
             lead = ", because all plans had the same value for the planner"
-        lines = [f"{who} chose {action}{lead}. It was not vetoed."]
+        lines = [f"{who} chose {action}{lead}, without a veto."]
     else:
         lines = [f"{who} proposed {proposal}."] if proposal else []
         if reason in of_all and why and proposal:  # what is behind it is its alone

@@ -192,7 +192,7 @@ class Policy:
             if wrong.any():
                 k = int(wrong.argmax())
                 raise RunError(
-                    f"the grounding gives `{self.fluents[k]}` = {grounded[k]:g}, and the recorded "
+                    f"the grounding gives `{self.fluents[k]}` = {grounded[k]:g}, but the recorded "
                     f"state has {state[k]:g}, for the observation {observation.tolist()}"
                 )
         return len(self._pairs)

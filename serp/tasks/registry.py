@@ -142,7 +142,7 @@ def _only(module: ModuleType, name: str) -> Any:
         which = ", ".join(f"`--task {name}:{key}`" for key in tasks)
         raise TaskError(f"--task {name}: which task? Write {which}")
     raise TaskError(
-        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; name it: "
+        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; write "
         f"`--task {name}:FUNCTION`"
     )
 

@@ -135,7 +135,7 @@ MEANINGS = {
     "rate, after the action of each step.",
     ":event": "What happens at a threshold: once in a step, if its condition holds after the "
     "action and the processes.",
-    ":parameters": "Variables for objects. Each choice of objects makes an instance.",
+    ":parameters": "Variables for objects. Each choice of objects gives one instance.",
     ":precondition": "When it can happen. An action whose precondition does not hold is not "
     "applicable.",
     ":effect": "What it changes. All effects are evaluated before any is applied.",
@@ -154,7 +154,7 @@ MEANINGS = {
     "#t": "The time that passes in a step, by which a process multiplies its rate.",
     "reward": "Reserved: its increase in a step is the reward of the step.",
     "unsafe": "Reserved: make it true if something is damaged. Such actions are avoided while "
-    "another one is possible. It is false again in the next step.",
+    "another action is possible. It is false again in the next step.",
     "terminal": "Reserved: if it becomes true, the task ends.",
     "minimize": "The decrease of this number in a step is the reward of the step.",
     "maximize": "The increase of this number in a step is the reward of the step.",

@@ -23,7 +23,7 @@ from serp.ui.root import say
 )
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option("--env", metavar="ID|FILE.py:CLASS|FILE.py:FUNCTION",
-              help="A Gymnasium environment: ID, PACKAGE:ID or a class of yours.")  # fmt: skip
+              help="A Gymnasium environment: ID, PACKAGE:ID or your own class.")  # fmt: skip
 def new(name: Path, env: str | None) -> None:
     """Write the first files of the task NAME; no existing file is overwritten.
 

@@ -197,7 +197,7 @@ def _opened(folder: Path) -> Run:
     refuse_given(own, "cannot be combined with a run, because the run has its own")
     if not folder.is_dir():
         raise click.UsageError(
-            f"there is no run {folder}; for a task or a domain file write --domain {folder}"
+            f"there is no run {folder}; for a task or a domain file, write --domain {folder}"
         )
     return open_run(folder)
 
