@@ -88,7 +88,9 @@ class Agent:
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name, task.task.learners)
         if settings.planner.discount >= 1.0:
-            raise SettingsError("planner.discount: a learner needs less than 1, such as 0.999")
+            raise SettingsError(
+                "planner.discount: with a learner, it must be less than 1, such as 0.999"
+            )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds

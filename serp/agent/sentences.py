@@ -120,8 +120,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. The best path is taken that exceeds the least risk by at most "
-            f"planner.accepted_risk; its risk is {percent(risk)}."
+            f"{where} too risky. Of the paths with about the least risk (within "
+            f"planner.accepted_risk), the best is taken; its risk is {percent(risk)}."
         )
     else:
         sentences.append(

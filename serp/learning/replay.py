@@ -164,7 +164,7 @@ class ReplayBuffer:
         saved = Saved("replay memory", arrays, meta)
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
-            shapes.equal(name, here, "continue with the task and the settings it was saved with")
+            shapes.equal(name, here, "continue with the original task and settings")
         size, head = self._saved_place(saved)
         pending = self._saved_pending(saved)
         state = saved.generator_state("rng", self._rng)

@@ -23,7 +23,7 @@ INSTEAD = {
         "write an event that sets `(unsafe)` if a constraint is violated": (
             ":constraint :constraints :safety-constraints"
         ),
-        "write `(increase (reward) ...)` under a `when`, or as an event": (
+        "write `(increase (reward) ...)` under a `when`, or in an event": (
             "preference :preferences :goal-utilities"
         ),
         "declare a function as a clock, let a process increase it, and let an event read it": (
@@ -145,7 +145,7 @@ def parse_arguments(
                 f"`{term.name}` is of type `{'/'.join(scope.types_of(term))}`, but "
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
-                f"give it one where it is declared: `{term.name} - {wanted}`" if untyped else "",
+                f"declare it with its type: `{term.name} - {wanted}`" if untyped else "",
                 code="wrong-arguments",
             )
     return terms

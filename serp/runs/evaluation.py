@@ -78,7 +78,7 @@ class EvaluationResult:
         """A warning of too few episodes; None if there are enough."""
         if (count := len(self.returns)) >= WINDOW:
             return None
-        rough = f"These are few episodes ({count}): mean and interval are rough."
+        rough = f"There are few episodes ({count}), so mean and interval are rough."
         return f"{rough} Take at least {WINDOW}."
 
     def as_dict(self) -> dict[str, Any]:

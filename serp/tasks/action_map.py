@@ -117,7 +117,7 @@ class ActionMap:
             if whole(action, 0, size - 1) is None:
                 raise TaskError(
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
-                    f"are 0 ... {size - 1}"
+                    f"are 0 to {size - 1}"
                 )
             if name in schemas:
                 by_schema.update((target, int(action)) for target in schemas[name])

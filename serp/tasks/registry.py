@@ -140,7 +140,7 @@ def _only(module: ModuleType, name: str) -> Any:
         return next(iter(tasks.values()))
     if tasks:
         which = ", ".join(f"`--task {name}:{key}`" for key in tasks)
-        raise TaskError(f"--task {name}: which task? Write {which}")
+        raise TaskError(f"--task {name}: there are several tasks; write one of {which}")
     raise TaskError(
         f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; write "
         f"`--task {name}:FUNCTION`"
@@ -172,7 +172,7 @@ def load_task(name: str) -> Task:
     Raises:
         TaskError: There is none, or making it fails.
     """
-    advice = "\n  For your own task use `--task FILE.py`, or pass a `serp.Task` in Python."
+    advice = "\n  For your own task, use `--task FILE.py`, or pass a `serp.Task` in Python."
     entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
     with plugins.loading(entry, "task", TaskError):
         made = entry.load()()

@@ -253,7 +253,7 @@ def _number(value: Any, what: str) -> float:
     if not isinstance(element, Real):
         advice = ""
         if getattr(element, "shape", ()):
-            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
+            advice = "; combine its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
         raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
     try:
         number = float(element)

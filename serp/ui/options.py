@@ -44,7 +44,7 @@ def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None)
 own_task_option = click.option(
     "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
-         "returns a serp.Task. Commands that need no environment ignore it.")  # fmt: skip
+         "gives a serp.Task. Commands that need no environment ignore it.")  # fmt: skip
 
 domain_option = click.option(
     "--domain", metavar="NAME|FILE",

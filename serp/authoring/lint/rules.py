@@ -64,7 +64,7 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
         flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
         text, advice = "declared, but nothing changes or reads it", ""
         if name in changed:
-            text = "changed, but nothing reads it: no condition, no reward"
+            text = "changed, but no condition and no reward reads it"
             advice = f"only {flags} no reader"
         yield DomainWarning(f"{what} `{name}` is {text}", declaration.place, advice=advice)
 

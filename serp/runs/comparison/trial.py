@@ -188,7 +188,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
             if job.protocol.points(trainer.env_steps) & evaluations.due:
                 raise RunError(
                     f"{job.folder} ran without the evaluations of this comparison, or one of "
-                    "them failed. Remove it to run the trial from the beginning."
+                    "them failed. Remove the folder to run the trial again."
                 )
             callbacks = Callbacks(after_step, after_episode)
             (job.folder / SUMMARY).unlink(missing_ok=True)  # it says that the trial is complete

@@ -92,7 +92,7 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
         show(f"\n--all shows {plural(rest, 'more finding')}, and the error of each fluent")
     if remarks:
         print_next(
-            (again("repair", str(recorded.path)), "all edits together, as a difference"),
+            (again("repair", str(recorded.path)), "show all edits together"),
             (again("repair", str(recorded.path), "-o", "FILE.pddl"), "write the repaired file"),
         )
 
@@ -228,4 +228,4 @@ def _write(recorded: Run, text: str, out: Path) -> None:
     beside, problem = problem_beside(out), recorded.domain.problem_source
     write_together({**({} if problem is None else {beside: problem.text}), out: text})
     if problem is not None:
-        say(f"Its problem file is copied to {beside}")
+        say(f"The problem file is copied to {beside}")
