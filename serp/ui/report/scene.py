@@ -46,7 +46,7 @@ def drawn_scenes(
     `seed_of` returns the seed of an episode, by its number from 0.
     """
     scenes, room = DrawnScenes(), 4_500_000  # bytes
-    why = "This is not drawn, to keep the file small and save time; --pictures draws more."
+    why = "The episode is not drawn, to keep the file small; --pictures draws more."
     try:
         for episode, picture in _pictures(run, steps, seed_of) if most else ():
             if picture is None:

@@ -181,7 +181,7 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
         ({"go": (1, np.nan)}, "the number of `go.1` is nan"),
         ({"go": (1, "0.5")}, r"`go.1` is '0.5' \(str\); expected real numbers"),
         ({"go": (2, 0.5)}, r"`go.0` is 2 \(int\); expected a member of Discrete\(2\)"),
-        ({"go": (1,)}, r"`go` is \(1,\) \(tuple\); Tuple"),
+        ({"go": (1,)}, r"`go` is \(1,\) \(tuple\); expected Tuple"),
     ):
         with pytest.raises(EnvironmentFailure, match=said):
             bound.observation({**good, **part})
