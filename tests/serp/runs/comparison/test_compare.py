@@ -126,7 +126,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     with pytest.raises(RunError) as failure:
         small(walk(tmp_path, Pothole), tmp_path / "c", report=True)
     message = str(failure.value)
-    assert message.startswith("2 of 4 trials failed; the first, serp, seed 1: ")
+    assert message.startswith("2 of 4 trials failed; the first one, serp, seed 1: ")
     assert "cable cut" in message and str(tmp_path / "c") in message
     report = (tmp_path / "c" / "report.html").read_text()
     assert "not complete: 2 of 4 trials are finished" in report and "serp, seed 1" in report
