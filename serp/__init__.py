@@ -96,7 +96,7 @@ def _compiled() -> Any:
         missing = isinstance(error, ModuleNotFoundError)
         what = "is not built" if missing else f"cannot be loaded ({error})"
         raise SerpError(
-            f"the compiled part of serp {what}; in the folder of the checkout: pip install -e ."
+            f"the compiled part of serp {what}; run `pip install -e .` in the checkout"
         ) from None
 
 

@@ -132,33 +132,32 @@ class PlannerSettings(Section):
     """Depth, budget and preferences of the planner."""
 
     name: str = "lookahead"
-    """The planner, by the name of its entry point in the group `serp.planners`, or of
-    `Task.planners`. What follows a colon is for the planner itself."""
+    """The planner: the name of an entry point in the group `serp.planners`, or a name in
+    `Task.planners`. Text after a colon is passed to the planner."""
     depth: Periods = 5
-    """Lookahead in control periods, each with an action."""
+    """Depth of the lookahead in control periods."""
     discount: Annotated[float, Field(gt=0, le=1)] = 0.99
-    """γ: weight of a reward one control period later, for planner and learner. A learner needs less
-    than 1."""
+    """γ: weight of a reward one control period later, for planner and learner. With a learner, γ
+    must be less than 1."""
     max_nodes: PositiveCount = 10_000
-    """Most nodes that are expanded. A layer that would exceed the budget is not expanded, and the
-    plan ends at the deepest complete layer. The first layer is always expanded."""
+    """Largest number of expanded nodes. A layer that would exceed this budget is not expanded, and
+    the plan ends at the deepest complete layer. The first layer is always expanded."""
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
-    """Largest predicted probability of damage beyond the least possible one: until the task ends
-    where the planner sees to its end, else of a step and on the path that follows. Damage that is
-    certain is not accepted. 0: the least risk comes before any reward. A model that is not adapted
-    predicts no such probabilities."""
+    """Probability of damage that is accepted beyond the least possible one. If the planner sees to
+    the end of the task, this is the probability until the end; else that of a step, and of a path.
+    Certain damage is never accepted. If 0, the least risk comes before any reward. Such
+    probabilities come from `probabilistic` effects and from adaptation."""
 
 
 class AdaptationSettings(Section):
     """Online adaptation of the model by its one-step errors."""
 
     mode: Literal["off", "parameters", "residual", "full", "rewards"] = "off"
-    """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
-    estimated. `residual`: a model of the remaining one-step error is learned. `full`: both.
-    `rewards`: as `full`, and the rewards of the file are corrected, too, by those that the task
-    learns from: for files whose rewards estimate these. Where they are hints for the planner, they
-    would be lost. With any mode but `off`, the planner prefers in its turns of a training actions
-    observed fewer than 4 times that are predicted safe."""
+    """`off` only records the errors. `parameters` estimates the numbers in effects and rates.
+    `residual` learns a model of the remaining one-step error. `full` does both. `rewards` does as
+    `full`, and also corrects the rewards of the file. Use it only if these rewards estimate those
+    that the task learns from; a correction removes rewards that are hints for the planner. In all
+    modes but `off`, the planner prefers safe actions that were tried fewer than 4 times."""
 
     @property
     def residual(self) -> bool:
@@ -179,21 +178,21 @@ class ArbiterSettings(Section):
     rho_increment: Probability = 0.01
     """Δρ: increase of ρ at the end of each episode."""
     r_min: Finite | None = None
-    """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
+    """R_min: a proposal with a smaller predicted reward is vetoed. None: there is no such veto."""
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
-    """`step` vetoes what the next step predicts. `lookahead` also vetoes what leads, within the
-    lookahead, to a state in which every action is unsafe, while another action does not, unless
-    the lookahead has failed too often to predict what is unsafe. Once it has failed, an action also
-    has to leave two safe continuations beyond it, if another one does."""
+    """`step` vetoes actions whose next step is unsafe. `lookahead` also vetoes actions after which
+    every path is unsafe within the lookahead, if another action has a safe path. After a lookahead
+    failure, an action must also leave two safe continuations beyond the lookahead, if another
+    action does. After too many failures, `lookahead` vetoes as `step` does."""
     unmodelled: Literal["allow", "veto"] = "allow"
-    """What to do with environment actions that the domain does not mention."""
+    """Whether environment actions that the domain does not mention are allowed or vetoed."""
 
 
 class GuideSettings(Section):
     """How planner and learner share the decisions. Vetoes apply under every strategy."""
 
     strategy: str = "mixture"
-    """The strategy, by the name of its entry point in the group `serp.strategies`. `mixture` is
+    """The strategy: the name of an entry point in the group `serp.strategies`. `mixture` is
     Algorithm 1, with the learner probability ρ of section `arbiter`."""
 
 
@@ -205,33 +204,33 @@ class LearnerSettings(Section):
     """
 
     name: str = "dqn"
-    """The learner, by the name of its entry point in the group `serp.learners`."""
+    """The learner: the name of an entry point in the group `serp.learners`."""
     hidden: tuple[Size, ...] = (64, 64)
-    """Neurons of each hidden layer; none makes Q linear in the input."""
+    """Neurons of each hidden layer. Without hidden layers, Q is linear in the input."""
     layer_norm: bool = False
     """LayerNorm (arXiv 1607.06450) in every hidden layer, before its ReLU."""
     members: Size = 1
-    """Networks of the ensemble. Each learns from separate batches; Q is their mean."""
+    """Number of networks in the ensemble. Each learns from its own batches; Q is their mean."""
     learning_rate: Positive = 0.001
     """Step size of Adam."""
     batch_size: Size = 64
     """Samples in one gradient update of one network."""
     updates_per_step: Nonnegative = 1.0
-    """Gradient updates per env step; 0.5 is one in every second step."""
+    """Gradient updates per env step; 0.5 means one update in every second step."""
     target_polyak: Annotated[float, Field(gt=0, le=1)] | None = 0.005
     """Fraction by which the target network moves towards the network after every gradient update.
-    The network chooses the next action, the target network estimates its value (double DQN, arXiv
-    1509.06461). The norm of a gradient is clipped to 10. None: the paper's equation 3, without all
-    of this."""
+    The network chooses the next action, and the target network estimates its value (double DQN,
+    arXiv 1509.06461). The norm of a gradient is clipped to 10. None: the paper's equation 3,
+    without target network and clipping."""
     n_step: Periods = 3
-    """n of n-step returns: rewards summed before the estimated value of a later state."""
+    """n of n-step returns: number of rewards before the estimated value of a later state."""
     epsilon_end: Probability = 0.05
-    """Probability of exploring from env step `epsilon_steps` on."""
+    """Probability of exploration from env step `epsilon_steps` on."""
     epsilon_steps: Count = 4000
-    """Env steps over which the probability falls linearly: from 1, or from 0.1 for a learner that
-    imitates the planner (strategy `evidence`), which begins with what the planner does."""
+    """Env steps over which the probability of exploration falls linearly from 1 to `epsilon_end`.
+    For a learner that imitates the planner (strategy `evidence`), it falls from 0.1."""
     buffer_size: Annotated[int, Field(ge=1, le=10**14)] = 50_000
-    """Samples in the replay buffer; the oldest is overwritten."""
+    """Size of the replay buffer in samples; a full buffer overwrites its oldest sample."""
     learning_starts: Count = 200
     """Env steps before the first gradient update."""
 
@@ -240,20 +239,20 @@ class TrainingSettings(Section):
     """Settings of the training loop."""
 
     reward: Literal["task", "domain", "environment", "sum"] = "task"
-    """The reward that the learner learns from: the one that the `task` declares (`Task.reward`),
-    that of the `domain` file, that of the `environment`, or the `sum` of the latter two. The
-    planner always uses the domain file."""
+    """The reward that the learner learns from: the reward declared by the `task` (`Task.reward`),
+    the reward of the `domain` file or of the `environment`, or the `sum` of these two. The planner
+    always uses the rewards of the domain file."""
     num_envs: Annotated[int, Field(ge=1, le=1024)] = 1
-    """Environments that are stepped at the same time, each in a process of its own if there are
-    several. They share learner, model and budget. Runs are then saved and stopped only where no
-    episode is running in any of them."""
+    """Number of environments that are stepped at the same time. Several environments run in their
+    own processes and share learner, model and budget. Such a run is saved and stopped only while
+    no episode is running in any of them."""
     random_steps: Count = 0
-    """Size of D₀ in env steps: actions are drawn uniformly (vetoes apply), and the learner is
-    pretrained on them, by as many gradient updates, before Algorithm 1 starts."""
+    """Size of D₀ in env steps. Before Algorithm 1 starts, actions are drawn uniformly (with
+    vetoes), and the learner is pretrained on these steps with as many gradient updates."""
     env_steps: PositiveCount = 20_000
     """Default budget of a training in env steps."""
     episode_steps: PositiveCount = 10_000
-    """Steps after which an episode is truncated that the environment does not end. Runs are saved
+    """Steps after which an episode is truncated if the environment does not end it. Runs are saved
     and stopped only between episodes."""
 
 

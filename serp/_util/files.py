@@ -84,8 +84,8 @@ def refuse_hard_link(path: Path, file: int) -> None:
     """Raise a `RunError` if an open file has a name besides `path`."""
     if os.fstat(file).st_nlink > 1:
         raise RunError(
-            f"{path} has another name elsewhere (a hard link); writing it would change that file, "
-            "too. Copy it, remove it, and give the copy its name."
+            f"{path} is a hard link: writing to it would also change another file. Copy the file, "
+            f"remove the link, and rename the copy to {path.name}."
         )
 
 
@@ -184,7 +184,7 @@ def replaced_durably(path: Path) -> Iterator[Path]:
         if os.path.lexists(path):
             kept = f"The previous {path.name} is unchanged."
         else:
-            kept = f"There was no {path.name} before, and no part of one was left."
+            kept = f"{path.name} did not exist before, and no part of it was left."
         raise cannot_write(path, error, kept) from error
 
 
@@ -224,7 +224,7 @@ def existing_inside(folder: Path, *names: str) -> Path:
     for name in names:
         folder = folder / name
         if folder.is_symlink():
-            raise RunError(f"{folder} is a link. A run consists of its own folders; put it there.")
+            raise RunError(f"{folder} is a link. Put the folder itself into the run.")
     return folder
 
 

@@ -81,7 +81,7 @@ class Saved:
             raise self.wrong(f"{name} is missing")
         array = self._arrays[name]
         if array.dtype != np.dtype(dtype):
-            raise self.wrong(f"{name} is of {array.dtype}, not of {np.dtype(dtype)}")
+            raise self.wrong(f"{name} has type {array.dtype}, not {np.dtype(dtype)}")
         if array.ndim != len(shape) or any(
             wanted not in (-1, size) for size, wanted in zip(array.shape, shape, strict=True)
         ):
@@ -89,7 +89,7 @@ class Saved:
             raise self.wrong(f"{name} has shape {array.shape}, not {expected}")
         # Compare in float64, whatever the dtype.
         if low is not None and not ((array >= np.float64(low)) & (array <= np.float64(high))).all():
-            raise self.wrong(f"{name} has entries that are not from {low:g} to {high:g}")
+            raise self.wrong(f"{name} has values outside {low:g} to {high:g}")
         return array
 
     def whole(self, name: str, low: int = 0, high: int = MOST) -> int:
@@ -129,16 +129,16 @@ class Saved:
         saved = self._value(name)
         if saved != here or isinstance(saved, bool) != isinstance(here, bool):
             raise RunError(
-                f"the saved {self._what} has {name} {reprlib.repr(saved)}, this run "
-                f"{reprlib.repr(here)}; {advice}"
+                f"the saved {self._what} has {name} {reprlib.repr(saved)}, but this run "
+                f"has {reprlib.repr(here)}; {advice}"
             )
 
     def wrong(self, why: str) -> RunError:
         """Return the error for a saved state that cannot be used."""
         return RunError(
-            f"the saved {self._what} cannot be restored: {why}. It is damaged, or belongs to "
-            "another domain, task or settings; continue with those it was saved with, or restore "
-            "the checkpoint from a copy"
+            f"the saved {self._what} cannot be restored: {why}. If the domain, task or "
+            "settings have changed, continue with the original ones. If not, it is damaged: "
+            "restore the checkpoint from a copy"
         )
 
     def _value(self, name: str) -> Any:
@@ -274,4 +274,4 @@ def _like(saved: Any, own: Any, name: str) -> Any:
         return saved
     if isinstance(own, str) and isinstance(saved, str) and saved == own:
         return saved
-    raise ValueError("the state of such a random generator")
+    raise ValueError("the state of a random generator of this kind")

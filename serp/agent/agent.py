@@ -88,7 +88,9 @@ class Agent:
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name, task.task.learners)
         if settings.planner.discount >= 1.0:
-            raise SettingsError("planner.discount: a learner needs less than 1, such as 0.999")
+            raise SettingsError(
+                "planner.discount: with a learner, it must be less than 1, such as 0.999"
+            )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
@@ -118,7 +120,7 @@ class Agent:
         inputs = task.observation_size + len(task.model.fluents)
         if not inputs:
             raise TaskError(
-                f"task {task.name}: there is nothing to learn from, as the observation holds no "
+                f"task {task.name}: the learner has no input, because the observation holds no "
                 "number and the domain file declares no predicate or function"
             )
         self.learner = make_learner(
@@ -229,9 +231,9 @@ class Agent:
             self.adaptation.reset_visits()
         if relied_on and not vetoes.reliability.reliable and on_notice is not None:
             on_notice(
-                f"{vetoes.reliability} something unsafe happened that was avoidable by the "
-                "domain file. From now on vetoes use only its prediction of the next step. Check "
-                "the effects of its actions."
+                f"{vetoes.reliability}, a step was unsafe although the lookahead had predicted a "
+                "safe path. From now on, vetoes consider only the next step. Check the effects of "
+                "the actions in the domain file."
             )
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward

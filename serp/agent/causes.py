@@ -94,7 +94,7 @@ class Cause:
             return f"{quote} contradicts another effect"
         if not self.text:
             return f"{self.name or 'the reward'} gives no finite number"
-        return f"{quote} is neither true nor false, it has no value"
+        return f"{quote} has no value, so it is neither true nor false"
 
 
 def listed_values(values: Mapping[str, float | bool]) -> str:

@@ -155,14 +155,14 @@ class ChosenPlanner:
         if isinstance(self._planner, PlanFollower) and self._planner.plan:
             length = plural(len(self._planner.plan), "action")
             return f"{self.name} follows a plan of {length} to the goal."
-        discount = f"discount {readable(self.settings.discount)}"
+        discount = f"with discount {readable(self.settings.discount)}"
         if plan.forecast.bound is Bound.EXHAUSTED:
-            return f"{self.name} saw everything that can be reached, {discount}."
-        states = f": {plural(plan.nodes, 'state')}" if self.decided_by_graph(plan) else ""
+            return f"{self.name} expanded every reachable state {discount}."
+        states = f" ({plural(plan.nodes, 'state')})" if self.decided_by_graph(plan) else ""
         why = {
-            Bound.CELLS: " Values of cells stand for what lies beyond.",
+            Bound.CELLS: " Rewards beyond the lookahead are estimated by values of cells.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
             Bound.NODES: " The limits on nodes and edges ended the lookahead.",
         }.get(plan.forecast.bound, "")
         depth = plural(plan.forecast.depth, "action")
-        return f"{self.name} looked ahead {depth}{states}, {discount}.{why}"
+        return f"{self.name} looked ahead {depth}{states} {discount}.{why}"

@@ -306,7 +306,7 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
         remarks.append("unsafe" if cause is None else f"unsafe: {cause.quoted}")
     elif flags & RISKY:
         known = cause is not None and cause.place is not None
-        source = f"risk of {cause.quoted}" if cause and known else "by what was learned"
+        source = f"risk of {cause.quoted}" if cause and known else "by the learned model"
         remarks.append(f"too risky: {percent(of.risk)} {source}")
     else:
         if of.risk:
@@ -314,11 +314,11 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
         if of.safe_steps is not None:
             remarks.append(unsafe_ahead(of.safe_steps))
     if not flags & UNSAFE and of.risk < of.path_risk < 1.0:
-        remarks.append(f"risk of its path {percent(of.path_risk)}")
+        remarks.append(f"path risk {percent(of.path_risk)}")
     if flags & TERMINAL:
         remarks.append("ends the task")
     elif (chance := 1.0 - going_on(flags)) >= 0.01:
-        remarks.append(f"ends the task in {percent(chance)} of the cases, as was learned")
+        remarks.append(f"ends the task with probability {percent(chance)} (learned)")
     return "; ".join(remarks)
 
 

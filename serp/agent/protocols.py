@@ -163,8 +163,8 @@ class LearnerProposer:
         """Return the values of the actions `[M, E]`, or raise a SettingsError if it has none."""
         if not hasattr(self._learner, "values"):
             raise SettingsError(
-                f"guide.strategy: it compares the learner's values, but {self._learner!r} has no "
-                "method `values(x)`; add one, or choose another strategy"
+                f"guide.strategy: this strategy compares the learner's values, but "
+                f"{self._learner!r} has no method `values(x)`; add one, or choose another strategy"
             )
         values: Values = self._learner.values(self._x)
         return values

@@ -40,7 +40,7 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     if most is not None and len(lines) > most:
         lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
     if alternative.beyond:
-        lines.append(f"{signed(alternative.beyond)} estimated after these steps, discounted.")
+        lines.append(f"{signed(alternative.beyond)} is estimated for later steps (discounted).")
     return lines
 
 
@@ -88,9 +88,9 @@ def lesser(other: RunnerUp) -> str:
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
         "delay": "which is worth the same but gains it later",
-        "rank": "which is less safe one step ahead, regardless of its return",
-        "risk": f"whose path has more risk ({own} against {taken}), regardless of its return",
-        "safe steps": "whose path stays safe for fewer steps, regardless of its return",
+        "rank": "which is less safe in the next step; safety counts before return",
+        "risk": f"whose path has more risk ({own} against {taken}); risk counts before return",
+        "safe steps": "whose path stays safe for fewer steps; safety counts before return",
     }[other.by]
 
 
@@ -116,16 +116,16 @@ def special_about(forecast: Forecast) -> list[str]:
         return sentences
     steps, risk = int(forecast.safe_steps[chosen]), float(forecast.path_risk[chosen])
     if forecast.unsafe[chosen]:
-        sentences.append("Every action is predicted unsafe. The one with the best return is taken.")
+        sentences.append("Every action is predicted unsafe. The best return decides.")
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. The best path within the accepted risk of the safest one is "
-            f"taken; its risk is {percent(risk)}."
+            f"{where} too risky. Of the paths with about the least risk (within "
+            f"planner.accepted_risk), the best is taken; its risk is {percent(risk)}."
         )
     else:
         sentences.append(
-            "Every path leads to something unsafe. The one that stays safe the longest, for "
+            "Every path leads to something unsafe. The path that stays safe the longest, for "
             f"{plural(steps, 'control period')}, is taken."
         )
     return sentences
@@ -148,7 +148,7 @@ def who_decided(
     """
     of_all = (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK, Reason.NO_APPLICABLE_ACTION)
     (proposal, proposer), (action, actor) = proposed, executed
-    who = "Exploration, at random," if proposer is Actor.EXPLORATION else f"The {proposer}"
+    who = "Random exploration" if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
         rarely = ", because it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
@@ -156,7 +156,7 @@ def who_decided(
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
         if indifferent:
             lead = ", because all plans had the same value for the planner"
-        lines = [f"{who} chose {action}{lead}. It was not vetoed."]
+        lines = [f"{who} chose {action}{lead}, without a veto."]
     else:
         lines = [f"{who} proposed {proposal}."] if proposal else []
         if reason in of_all and why and proposal:  # what is behind it is its alone
@@ -191,7 +191,7 @@ def why_refused(
     if reason is Reason.LOW_REWARD:
         return f": it is {readable(reward)}"
     if reason is Reason.FEW_WAYS_ON:
-        return " beyond the lookahead, where another action leaves more"
+        return " beyond the lookahead; another action leaves more"
     return "" if safe_steps is None else f": {unsafe_ahead(safe_steps)}"
 
 

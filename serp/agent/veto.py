@@ -168,9 +168,9 @@ class VetoPolicy(Declared):
         rate = f"{percent((counted.failures + 1) / (counted.steps + 2))} per step"
         text = f"The lookahead failed {counted}; its failure rate is {rate} (Laplace estimate)"
         if self.looks_farther:
-            text += ". An action must now leave two safe continuations beyond it"
+            text += ". Actions must now leave two safe continuations beyond the lookahead"
         elif not counted.reliable:
-            text += ". Vetoes now use the next step only"
+            text += ". Vetoes now consider only the next step"
         return text
 
     def account_of_risk(self) -> str:
@@ -181,8 +181,8 @@ class VetoPolicy(Declared):
         parts = []
         if self.foreseen or self.unforeseen:
             parts.append(
-                f"Unflagged steps that were unsafe: {self.foreseen:.1f} predicted by the learned "
-                f"risks, {self.unforeseen:,} observed"
+                f"Of the unflagged steps, {self.foreseen:.1f} were expected to be unsafe by the "
+                f"learned risks, and {self.unforeseen:,} were observed unsafe"
             )
         if self.held_back:
             parts.append(

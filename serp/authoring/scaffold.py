@@ -52,20 +52,20 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     name = path.name
     if not _NAME.fullmatch(name):
         raise TaskError(
-            f"{path}: a task's name begins with a letter and goes on with small letters, digits, "
-            "`-` and `_`, such as delivery-robot"
+            f"{path}: `{name}` cannot be a task's name; begin with a letter, then use small "
+            "letters, digits, `-` and `_`, as in delivery-robot"
         )
     if not path.parent.is_dir():
         raise TaskError(f"{path}: there is no folder {path.parent}")
     if (like := task_like(name)) is not None:
         raise TaskError(
-            f"{name}: `{like}` is an installed task, and a file of this name would belong to it; "
-            "choose another name"
+            f"{name}: `{like}` is an installed task, so a file of this name would belong to that "
+            "task; choose another name"
         )
     endings = (".pddl", "-problem.pddl" if env is None else ".py", ".scenarios")
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
-        raise TaskError(f"{', '.join(existing)} already there; nothing is written")
+        raise TaskError(f"no file was written, because these exist: {', '.join(existing)}")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]
@@ -119,8 +119,8 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
         advice = ""
         if isinstance(error, gym.error.UnregisteredEnv):
             advice = (
-                "; an ID that a package registers is written with that package, such as "
-                "highway_env:highway-fast-v0, and one of your own FILE.py:CLASS or FILE.py:FUNCTION"
+                "; if a package registers the ID, write PACKAGE:ID, as in highway_env:highway-v0; "
+                "if the environment is your own, write FILE.py:CLASS or FILE.py:FUNCTION"
             )
         raise TaskError(f"--env {name}: {_message(error)}{advice}") from error
     if not isinstance(env, gym.Env):
@@ -136,7 +136,7 @@ def _of_file(option: str, file: Path, attribute: str) -> Callable[[], Any]:
     if not (file.stem.isidentifier() and attribute.isidentifier()):
         raise TaskError(f"{option}: give file and class names of letters, digits and underscores")
     if file.parent != Path():
-        raise TaskError(f"{option}: call this in the folder of {file.name}")
+        raise TaskError(f"{option}: run the command in the folder of {file.name}")
     make: Callable[[], Any] = attribute_of(import_file(file, option), attribute, option)
     return make
 
@@ -178,13 +178,13 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
         space, observations = ActionSpace(env.action_space), Observations(env.observation_space)
     except ValueError as error:
         raise TaskError(
-            f"{called}: {error}; what has to be changed can be wrapped around it in a function of "
-            "your own, which --env FILE.py:FUNCTION names"
+            f"{called}: {error}; write a function that returns the environment in a suitable "
+            "wrapper, and give the function as --env FILE.py:FUNCTION"
         ) from None
     if space.size > MOST:
         raise TaskError(
-            f"{called} has {space.size:,} actions, more than a file can say something of; offer "
-            f"those that make sense, {MOST} at most, through gymnasium.wrappers.TransformAction"
+            f"{called} has {space.size:,} actions; a new file can have at most {MOST}. Offer the "
+            "useful ones with gymnasium.wrappers.TransformAction"
         )
     if observations.size == 0:
         raise TaskError(f"{called}: an observation has no numbers")
@@ -193,9 +193,9 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
     fields = list(itertools.islice(every, MOST + 1))
     if len(fields) > MOST:
         raise TaskError(
-            f"an observation of {called} has more than {MOST} numbers, too many to be fluents one "
-            "by one; select the few that matter with gymnasium.wrappers.TransformObservation, or "
-            "write the task yourself (how-to: Connect your own environment)"
+            f"an observation of {called} has more than {MOST} numbers, too many for a fluent each; "
+            "select the important ones with gymnasium.wrappers.TransformObservation, or write the "
+            "task yourself (how-to: Connect your own environment)"
         )
     documentation = inspect.getdoc(type(env.unwrapped)) or ""
     used: set[str] = set()
@@ -341,7 +341,7 @@ def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
     width = max(7, *(len(entry.name) for entry in numbers))
     functions = [f"    ({e.name}){_comment(e, width - len(e.name))}" for e in numbers]
     functions.append(
-        f"    (reward)){' ' * (width - 7)}  ; reserved: its gain is the reward of a step"
+        f"    (reward)){' ' * (width - 7)}  ; reserved: its increase is the reward of a step"
     )
     schemas = [f"  (:action {entry.name}{_comment(entry)}\n"
                "    :parameters ()\n    :precondition (and)\n    :effect (and))\n"

@@ -199,8 +199,8 @@ class DQN:
             saved.array(name, np.float32, array.shape, low)
         if saved.has("target") and "target" not in trained:
             raise RunError(
-                "the saved learner has a target network, this one has none; continue with the "
-                "settings it was saved with"
+                "the saved learner has a target network, but the new settings have none; continue "
+                "with the original settings"
             )
         env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")
         updates = saved.whole("updates")

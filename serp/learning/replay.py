@@ -164,7 +164,7 @@ class ReplayBuffer:
         saved = Saved("replay memory", arrays, meta)
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
-            shapes.equal(name, here, "continue with the task and the settings it was saved with")
+            shapes.equal(name, here, "continue with the original task and settings")
         size, head = self._saved_place(saved)
         pending = self._saved_pending(saved)
         state = saved.generator_state("rng", self._rng)
@@ -195,7 +195,7 @@ class ReplayBuffer:
         size = len(saved.array("action", np.int64, (-1,)))
         head = saved.whole("head", 0, capacity - 1)
         if size > capacity or (size < capacity and head != size):
-            raise saved.wrong(f"there are {size} samples and the head is {head}")
+            raise saved.wrong(f"the head {head} does not fit {size} samples")
         last = self._action_count - 1
         bounds = {"discount": (0.0, 1.0), "action": (0, last), "imitated": (-1, last),
                   "allowed": (0, 255)}  # fmt: skip

@@ -289,7 +289,7 @@ class _Instantiation:
             init = self.problem.init if self.problem is not None else None
             place = init or self.domain.declarations[key[0]].place
             place.opening.warn(
-                f"`({' '.join(key)})` has no value, so what reads it never applies: "
+                f"`({' '.join(key)})` has no value, so forms that read it never apply: "
                 f"{listed(names, 3)}",
                 "missing-value",
                 advice=f"the problem gives values to other instances of `{key[0]}`; add "
@@ -484,8 +484,8 @@ class _Instantiation:
                     joint[both] = joint.get(both, 0.0) + one.probability * other.probability
                 if len(joint) > MOST_OUTCOMES:
                     raise DomainError(
-                        f"an action of more than {MOST_OUTCOMES} outcomes", effect.place,
-                        "write an action for each of several independent chances",
+                        f"this action has more than {MOST_OUTCOMES} outcomes", effect.place,
+                        "write one action for each random event",
                         code="too-large",
                     )  # fmt: skip
                 found = [g.GroundOutcome(p, both) for both, p in joint.items()]
@@ -551,8 +551,8 @@ def _with_goal_value(model: g.GroundModel) -> g.GroundModel:
     written = [parameter.value for parameter in model.parameters]
     if not worth.bounded(written, 1.0):
         model.metric.place.warn(
-            "the numbers of the files do not bound what this gains in a step, so reaching the "
-            f"goal is worth {UNBOUNDED:,.0f}",
+            "the files put no limit on what this can gain in a step, so reaching the goal is worth "
+            f"{UNBOUNDED:,.0f}",
             "unbounded-goal",
         )
     index = len(written)

@@ -90,8 +90,8 @@ class StateSpace:
     def _unknown_fluent(self, name: str) -> str:
         if name in self.ground.static:
             return (
-                f"`{name}` is fixed by the problem file and changed by no effect; "
-                "leave it out, or take it out of :init"
+                f"`{name}` is fixed, because `:init` gives its value and no effect changes it; "
+                "leave it out here, or remove it from `:init`"
             )
         return f"unknown fluent `{name}`; {did_you_mean(name, self._index)}"
 
@@ -105,7 +105,7 @@ class StateSpace:
         vector = self.check_shape(state)
         for fluent, value in zip(self.fluents, vector.tolist(), strict=True):
             if value - value != 0.0:
-                raise StateError(f"the value of fluent `{fluent.name}` is {value}")
+                raise StateError(f"fluent `{fluent.name}` must be a finite number, not {value}")
             if not fluent.numeric and value not in (0.0, 1.0):
                 raise StateError(f"predicate `{fluent.name}` must be 0 or 1, not {value}")
         return vector
@@ -118,13 +118,13 @@ class StateSpace:
             return state
         size = f"a state of this domain has {wanted} number{'' if wanted == 1 else 's'}"
         if state.ndim != 1:
-            raise StateError(f"{size}, found shape {state.shape}; give them in one row")
+            raise StateError(f"{size} in one row, not the shape {state.shape}")
         names = [f.name for f in self.fluents]
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
         else:
-            what = f"{len(state) - wanted} more than the fluents {listed(names)}; declare what is "
-            what += "missing, in the order in which it is given"
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; leave them out, "
+            what += "or declare more fluents"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 
     def action_index(self, action: int | str) -> int:
@@ -150,7 +150,7 @@ class StateSpace:
         """Return the position of an action."""
         if not least <= action < len(self.actions):
             last = len(self.actions) - 1
-            raise StateError(f"there is no action {action}; actions are 0 ... {last}")
+            raise StateError(f"there is no action {action}; actions have the numbers 0 to {last}")
         return action
 
     def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:
@@ -165,7 +165,7 @@ class StateSpace:
             raise StateError(f"actions must be {batch} positions, found {action!r}")
         actions = np.broadcast_to(given.astype(np.int64), (batch,))
         if batch and (actions.min() < 0 or actions.max() >= len(self.actions)):
-            raise StateError(f"actions must be in 0 ... {len(self.actions) - 1}")
+            raise StateError(f"actions must be from 0 to {len(self.actions) - 1}")
         return actions
 
 

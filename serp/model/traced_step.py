@@ -42,7 +42,7 @@ class Site:
         elif isinstance(self.item, g.SetBoolean | g.SetNumber) or self.item is None:
             why = "gives no finite number"
         else:
-            why = "is neither true nor false, it divides by zero"
+            why = "divides by zero, so it is neither true nor false"
         item = self.schema if self.item is None or isinstance(self.item, g.Constant) else self.item
         if item is None:
             return f"the reward {why}"

@@ -77,7 +77,7 @@ def _expression(node: Node, scope: Scope) -> x.Expression:
             return parse_number(node)
         if node.text == "#t":
             raise DomainError(
-                "`#t` may stand only as a factor of a rate in a process",
+                "`#t` may be used only as a factor of a rate in a process",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
             )
@@ -88,7 +88,7 @@ def _expression(node: Node, scope: Scope) -> x.Expression:
         return _arithmetic(node, scope)
     if node.head == TOTAL_TIME:
         if not scope.in_metric or len(node.items) != 1:
-            raise DomainError("`(total-time)` may stand only in a metric", node.place)
+            raise DomainError("`(total-time)` may be used only in a metric", node.place)
         return x.TotalTime(node.place)
     declaration = declared_as(node, scope, numeric=True)
     if declaration.name == x.REWARD and not scope.in_metric:
@@ -128,9 +128,9 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
     expression = x.Arithmetic(operator, operands, group.place)
     if _chain(expression) > max_chain:
         raise DomainError(
-            f"an expression of more than {max_chain} operations in a row",
+            f"this expression has more than {max_chain} operations in a row",
             expression.place,
-            "split it with a function for a part of it",
+            "assign a part of it to a function first",
             code="too-large",
         )
     return expression
@@ -200,7 +200,7 @@ def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParamete
 
 def _comparison(group: Group, scope: Scope) -> x.Condition:
     if len(group.items) != 3:
-        advice = f"write `({group.head} a b)`; several comparisons stand under `and`"
+        advice = f"write `({group.head} a b)`; put several comparisons under `and`"
         found = f"`{group.head}` compares two values, found {len(group.items) - 1}"
         raise DomainError(found, group.place, advice)
     left, right = (as_function(node, scope) for node in group.items[1:])
@@ -232,8 +232,8 @@ def refuse_contradictions(effects: tuple[x.Effect, ...]) -> None:
                         f"`{effect.place.text}` contradicts `{first.place.text}` in line "
                         f"{first.place.line}: both would have to happen at once",
                         effect.place,
-                        "write one effect, or put them under conditions that exclude each other "
-                        "(`when`)",
+                        "keep one of the two, or put each under a `when`, with conditions that "
+                        "exclude each other",
                         code="contradictory-effects",
                     )
             others.append(effect)
@@ -306,7 +306,7 @@ def _when(group: Group, scope: Scope) -> x.When:
         raise slips.several_after(group, 2, "`when` takes one condition and one effect")
     condition, effect = group.items[1:]
     if _changes(condition, scope) and not _changes(effect, scope):
-        problem = "condition and effect of `when` stand the wrong way round"
+        problem = "condition and effect of `when` are in the wrong order"
         raise slips.swapped(group, problem, condition.place, "wrong-kind")
     parsed = x.When(parse_condition(condition, scope), parse_effects(effect, scope), group.place)
     for inner in x.nodes_in(parsed.effects):
@@ -322,7 +322,7 @@ def _chance(group: Group, scope: Scope) -> x.Chance:
         raise DomainError(
             f"`{group.head}` is supported in actions only",
             group.place,
-            "let an action draw what happens, or write the chance into every action",
+            "write the random effect in the actions that cause it",
             code="unsupported",
         )
     items = group.items[1:]
@@ -336,8 +336,8 @@ def _chance(group: Group, scope: Scope) -> x.Chance:
             )  # fmt: skip
         chances, effects = [_probability(node) for node in items[::2]], items[1::2]
     if not items or sum(chances) > 1.0 + 1e-9:
-        problem = f"the probabilities add up to {sum(chances):g}" if items else "`oneof` of nothing"
-        raise DomainError(problem, group.place, "they add up to at most 1")
+        problem = f"the probabilities add up to {sum(chances):g}" if items else "`oneof` is empty"
+        raise DomainError(problem, group.place, "they may add up to at most 1")
     return x.Chance(
         tuple(
             x.ChanceOutcome(chance, parse_effects(node, scope), node.place)
@@ -373,7 +373,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.
     group = expect_group(node, "a predicate")
     if scope.in_process:
         raise DomainError(
-            "a process only increases and decreases functions",
+            "a process may only increase or decrease functions",
             place,
             "set predicates in an action or in an `(:event ...)`",
         )

@@ -73,7 +73,7 @@ def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
     if title is top or title.head not in ("domain", "problem"):
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if title.head != what:
-        raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
+        raise DomainError(f"this is a {title.head} file, but a {what} file is needed", title.place)
     definition = _Definition(_name(title, what), top.place, {}, [], [])
     for item in top.items[2:]:
         with item.place.recovering():
@@ -114,13 +114,13 @@ def _name(title: Group, what: str) -> str:
     """
     words = [node for node in title.items[1:] if isinstance(node, Word)]
     if what == "problem" and len(words) == len(title.items) - 1 != 1:
-        title.place.warn(f"`{title.place.text}`: other tools take one name")
+        title.place.warn(f"`{title.place.text}`: other tools expect a single name")
         return " ".join(word.text for word in words)
     if len(title.items) != 2:
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if words and not is_name(words[0]) and (what == "problem" or _FILE_NAME.match(words[0].text)):
-        words[0].place.warn(f"`{words[0].text}`: for other tools a name begins with a letter and "
-                            "goes on with letters, digits, `-` and `_`")  # fmt: skip
+        words[0].place.warn(f"`{words[0].text}`: other tools expect a name that begins with a "
+                            "letter, followed by letters, digits, `-` and `_`")  # fmt: skip
         return words[0].text
     return expect_name(title.items[1], f"the {what}").text
 
@@ -218,7 +218,7 @@ def _axioms(groups: Sequence[Group], scope: Scope) -> tuple[x.Axiom, ...]:
             declaration = declared_as(head, scope, numeric=False)
             parameters = parse_parameters(head.items[1:], dict(scope.parents))
             if len(parameters) != len(declaration.parameters) or declaration.reserved:
-                problem = f"`{head.place.text}` is no predicate that can be derived"
+                problem = f"`{head.place.text}` cannot be derived"
                 advice = f"it is declared as {declaration.place.text}"
                 raise DomainError(problem, head.place, advice, code="wrong-arguments")
             parameters = tuple(
@@ -280,7 +280,7 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
     kind, source = SCHEMA_SECTIONS[group.head], group.place.source
     taken = source.errors_taken
     if len(group.items) < 2:
-        raise DomainError(f"`{group.head}` without a name", group.place)
+        raise DomainError(f"`{group.head}` has no name", group.place)
     name = expect_name(group.items[1], f"the {kind.value}").text
     with source.recovering():
         if name in names:
@@ -293,7 +293,7 @@ def _schema(group: Group, scope: Scope, names: set[str]) -> x.Schema | None:
     names.add(name)
     fields = _fields(group, f"{kind.value} `{name}`")
     if ":vars" in fields:  # of PDDL 1.2
-        text = "`:vars` is read as more parameters, which other tools may not do"
+        text = "`:vars` is read as more parameters; other tools may not do this"
         fields[":vars"].place.warn(text)
     bound: dict[str, x.SchemaParameter] = {}
     for key in (":parameters", ":vars"):
@@ -339,7 +339,7 @@ def _fields(group: Group, schema: str) -> dict[str, Group]:
                     f"a second `{key.text}` in {schema}", key.place, code="declared-twice"
                 )
             if not values:
-                raise DomainError(f"`{key.text}` without a value", key.place, code="missing-value")
+                raise DomainError(f"`{key.text}` has no value", key.place, code="missing-value")
             fields[key.text] = expect_group(values[0], f"the value of `{key.text}`")
             if len(values) > 1:
                 extra = values[1]

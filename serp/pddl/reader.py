@@ -70,7 +70,7 @@ def read_group(source: Source) -> Group:
         raise _unbalanced("`)` without a `(` before it", define.place)
     if define.text != "(":
         raise DomainError(
-            "text outside of parentheses",
+            "there is text outside of parentheses",
             define.place,
             "a PDDL file begins with `(define`",
             code="stray-text",
@@ -226,7 +226,7 @@ class _SectionReader:
         if keyword := _KEYWORD_AHEAD.match(place.source.text, place.start):
             return self._too_many(f"`{keyword[0]}` in line {place.line} follows", token)
         return DomainError(
-            "text after the end of the definition",
+            "there is text after the end of the definition",
             place,
             "a file holds one `(define ...)`; look for one `)` too many before this place",
             code="stray-text",
@@ -249,7 +249,7 @@ class _SectionReader:
         count = len(still)
         return _unbalanced(
             f"{'a' if count == 1 else count} `)` {'is' if count == 1 else 'are'} missing: "
-            f"`{' '.join(shown.split())}` of line {form.line} has not ended where {where}",
+            f"`{' '.join(shown.split())}` of line {form.line} is still open where {where}",
             before.source.place(before.end, before.end),
             ")" * count,
         )

@@ -16,28 +16,28 @@ from serp.pddl.source import DomainError, Place
 INSTEAD = {
     word: advice
     for advice, words in {
-        "write an action, and a process for what goes on meanwhile": (
+        "write an action that starts it, and a process for what happens meanwhile": (
             ":durative-action :durative-actions :duration-inequalities"
         ),
         "write `(:derived (predicate ...) condition)`": ":axiom",
-        "write an event that sets `(unsafe)` where a constraint is broken": (
+        "write an event that sets `(unsafe)` if a constraint is violated": (
             ":constraint :constraints :safety-constraints"
         ),
-        "write `(increase (reward) ...)` under a `when`, or as an event": (
+        "write `(increase (reward) ...)` under a `when`, or in an event": (
             "preference :preferences :goal-utilities"
         ),
-        "write a function as a clock, which a process increases, and an event": (
+        "declare a function as a clock, let a process increase it, and let an event read it": (
             "timed :timed-initial-literals :timed-initial-fluents :timed-effects"
         ),
-        "state what is likeliest; in a task the environment tells what is so": (
+        "give the likeliest value; in a task, the environment gives the real one": (
             "unknown oneof probabilistic :contingent :partial-observability :unknown"
         ),
-        "write `- number`, or a predicate with one more parameter": ":object-fluents",
+        "write `- number`, or a predicate with an additional parameter": ":object-fluents",
         "write actions only; the planner chooses among them": (
             ":method :task :hierarchy :htn :method-preconditions :action-expansions"
         ),
         "leave it out; the environment is observed in every step": ":observe :sense",
-        "write one list for all; an agent is one more parameter": (
+        "write one list for all agents, with the agent as a parameter": (
             ":agent :private :multi-agent :factored-privacy :unfactored-privacy"
         ),
     }.items()
@@ -145,7 +145,7 @@ def parse_arguments(
                 f"`{term.name}` is of type `{'/'.join(scope.types_of(term))}`, but "
                 f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
                 term.place,
-                f"give it one where it is declared: `{term.name} - {wanted}`" if untyped else "",
+                f"declare it with its type: `{term.name} - {wanted}`" if untyped else "",
                 code="wrong-arguments",
             )
     return terms
@@ -175,7 +175,7 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
         if not numeric:
             other, name = "function", f"({word.text})"
             advice = f"compare it: `(> {name} 0)`; as an effect, `(increase {name} 1)` changes it"
-        problem = f"`{word.text}` is a {other}, a {what} is needed here"
+        problem = f"`{word.text}` is a {other}, but a {what} is needed here"
         raise DomainError(problem, word.place, advice, code="wrong-kind")
     return declaration
 
@@ -198,9 +198,9 @@ def expect_name(node: Node, what: str) -> Word:
         raise DomainError(f"expected {what}, found a list", node.place)
     if not is_name(node):
         raise DomainError(
-            f"`{node.text}` is not a name for {what}",
+            f"`{node.text}` is not a valid name for {what}",
             node.place,
-            "names begin with a letter and go on with letters, digits, `-` and `_`",
+            "a name begins with a letter, followed by letters, digits, `-` and `_`",
         )
     return node
 
@@ -225,7 +225,7 @@ def typed_list(
             type_node, index = after_dash(nodes, index, "a type")
             types = _type_names(type_node)
             if not waiting:
-                problem = f"`- {type_node.place.text}` without {what} before it"
+                problem = f"`- {type_node.place.text}` needs {what} before it"
                 if variables:
                     raise DomainError(problem, node.place)
                 node.place.warn(problem, "needless")
@@ -254,11 +254,11 @@ def after_dash(nodes: Sequence[Node], index: int, what: str) -> tuple[Node, int]
     dash = nodes[index]
     if isinstance(dash, Word) and dash.text != "-":
         place = dash.place
-        text = f"`{place.text}` is read as `- {dash.text[1:]}`, which other tools may not do"
+        text = f"`{place.text}` is read as `- {dash.text[1:]}`; other tools may not do this"
         place.warn(text, write=f"- {place.text[1:]}")
         return Word(dash.text[1:], place.source.place(place.start + 1, place.end)), index + 1
     if index + 1 == len(nodes):
-        raise DomainError(f"`-` without {what} after it", dash.place)
+        raise DomainError(f"`-` needs {what} after it", dash.place)
     return nodes[index + 1], index + 2
 
 
@@ -387,7 +387,7 @@ def parse_declarations(
             if (known := declared.get(name)) is not None:
                 if known.numeric != numeric:  # what uses it as a predicate is refused there
                     problem = (
-                        f"`{name}` is both a predicate and a function; it is read as the latter"
+                        f"`{name}` is both a predicate and a function; it is read as a function"
                     )
                     declaration.place.warn(problem, "declared-twice")
                     declared.pop(name)  # functions come after predicates
@@ -402,7 +402,7 @@ def parse_declarations(
 def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declaration | None:
     """Parse `(name parameters)`; None for `(total-time)`, which needs no declaration."""
     if not item.items:
-        raise DomainError(f"empty declaration of a {what}", item.place)
+        raise DomainError(f"this declaration of a {what} is empty", item.place)
     numeric = what == "function"
     word = expect_name(item.items[0], f"a {what}")
     if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
@@ -410,7 +410,7 @@ def _declaration(item: Group, parents: dict[str, str], what: str) -> x.Declarati
         return None
     if word.text in RESERVED_WORDS:
         raise DomainError(
-            f"`{word.text}` is a word of PDDL and cannot be a {what}",
+            f"`{word.text}` is a PDDL keyword and cannot be the name of a {what}",
             word.place,
             code="reserved-name",
         )
@@ -435,13 +435,13 @@ def _check_reserved(declaration: x.Declaration) -> None:
         problem = f"`({name})` is reserved and takes no parameters"
     else:
         return
-    advice = "where you mean something else, choose another name"
+    advice = "if you mean something else, choose another name"
     raise DomainError(problem, declaration.place, advice, code="reserved-name")
 
 
 def without_parentheses(word: Word) -> Group:
     """Return the function that a bare name means, with a warning."""
-    text = f"`{word.text}` is read as `({word.text})`, which other tools may not do"
+    text = f"`{word.text}` is read as `({word.text})`; other tools may not do this"
     word.place.warn(text, write=f"({word.place.text})")
     return Group((word,), word.place)
 

@@ -96,12 +96,12 @@ def in_word(word: Word) -> DomainError | None:
     problem = f"expected a number, found `{word.text}`"
     plain = word.text.translate(_DASHES)
     if plain != word.text:
-        return DomainError(problem, word.place, "a minus is the character `-`", write=plain)
+        return DomainError(problem, word.place, "write a minus as `-`", write=plain)
     if match := _COMMA.match(word.text):
         point = f"{match[1]}.{match[2]}"
-        return DomainError(problem, word.place, "decimals have a point", write=point)
+        return DomainError(problem, word.place, "write decimals with a point", write=point)
     if match := _UNIT.match(word.text):
-        advice = "a number has no unit; name the unit in a comment"
+        advice = "write numbers without a unit; give the unit in a comment"
         return DomainError(problem, word.place, advice, guess=match[1])
     return None
 
@@ -119,7 +119,7 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         problem += f"`{MATH_REQUIREMENT}`, `{more}`"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():
-        return _foreign("a number has no parentheses", group.place, head)
+        return _foreign("a number is written without parentheses", group.place, head)
     return None
 
 
@@ -195,7 +195,7 @@ def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> Domain
             return None
         operand = _prefix(written(operator), (right[0], right[2]), declared)
     return _foreign(
-        f"`{middle.text}` stands between what it is applied to",
+        f"`{middle.text}` stands between its operands",
         group.place,
         _applied(words[middle.text], f"{_operand(left, declared)} {operand}"),
         "in PDDL the operator comes first",
@@ -221,7 +221,7 @@ def _misspelt(group: Group, words: Sequence[str], declared: Declared) -> DomainE
     close = get_close_matches(head, [*words, *declared], n=1, cutoff=0.7)
     if close[0] not in words:
         return None
-    return _foreign(f"`{head}` is no word of PDDL", group.items[0].place, close[0])
+    return _foreign(f"`{head}` is not a PDDL keyword", group.items[0].place, close[0])
 
 
 def _prefix(word: str, operands: Sequence[Node], declared: Declared) -> str:
@@ -253,14 +253,14 @@ def _with_truth(group: Group, form: Form, declared: Declared) -> DomainError | N
         return None
     atom = written(left) if isinstance(left, Group) else f"({name})"
     write = atom if _TRUTH[right.text] else f"(not {atom})"
-    return _foreign(f"a predicate is {form.what} by itself", group.place, write)
+    return _foreign(f"a predicate alone is already {form.what}", group.place, write)
 
 
 def _missing_and(group: Group, what: str) -> DomainError | None:
     if not group.items or any(isinstance(node, Word) for node in group.items):
         return None
     if len(group.items) > 1:
-        problem = f"{what} stand in a list without `and`"
+        problem = f"{what} are listed without `and`"
         return DomainError(problem, group.place, write=_under_and(group.items))
     return DomainError(
         "one pair of parentheses too many",

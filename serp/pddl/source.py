@@ -111,7 +111,7 @@ class Source:
             elif not stat.S_ISREG(status.st_mode):
                 reason = "it is not a regular file"
             elif status.st_size > most:
-                reason = f"it has {status.st_size:,} bytes, and a PDDL file at most {most:,}"
+                reason = f"it has {status.st_size:,} bytes; the limit is {most:,} bytes"
             else:  # some editors put a byte order mark first; it is not part of the text
                 return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
             problem = f"{path}: cannot be read ({reason})"

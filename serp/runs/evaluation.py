@@ -78,7 +78,7 @@ class EvaluationResult:
         """A warning of too few episodes; None if there are enough."""
         if (count := len(self.returns)) >= WINDOW:
             return None
-        rough = f"These are few episodes ({count}): mean and interval are rough."
+        rough = f"There are few episodes ({count}), so mean and interval are rough."
         return f"{rough} Take at least {WINDOW}."
 
     def as_dict(self) -> dict[str, Any]:
@@ -192,11 +192,11 @@ def evaluate(
 
 def meaning_of(agent: Agent, policy: Policy) -> str:
     """Return a description of a policy of an agent."""
-    vetoes = "within the vetoes: a vetoed choice is replaced by the planner's"
+    vetoes = "with vetoes (the planner's choice replaces a vetoed one)"
     return {
         "serp": f"{agent.strategy.choice}, {vetoes}",
         "planner": "the planner alone",
-        "learner": "the learner's choice alone, no veto",
+        "learner": "the learner's choice, without vetoes",
     }[policy]
 
 

@@ -60,8 +60,8 @@ def lock_folder(folder: Path) -> FileLock:
         with contextlib.suppress(OSError), open(path, "rb") as file:
             owner = file.read(200).decode("utf-8", "replace").strip()
         raise RunError(
-            f"the run {folder} is being written by {owner or 'another process'}. Wait until that "
-            "has ended, or begin a new run with another --out."
+            f"the run {folder} is being written by {owner or 'another process'}. Wait until "
+            "the run has ended, or begin a new run with another --out."
         ) from None
     except PermissionError as error:
         raise cannot_write(path, error, "The run is unchanged.") from error

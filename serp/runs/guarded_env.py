@@ -112,8 +112,8 @@ class _Unknown:
 
     def values(self) -> Values:
         raise SettingsError(
-            "guide.strategy: this strategy compares the learner's values, which the environment of "
-            "a learner of another library does not know; choose `learner`, `mixture` or `evidence`"
+            "guide.strategy: this strategy compares the learner's values, but GuardedEnv does not "
+            "know the values of an external learner; choose `learner`, `mixture` or `evidence`"
         )
 
 
@@ -251,7 +251,7 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
         refuse_unknown_names(resolved, task)
         if resolved.training.num_envs > 1:
             raise SettingsError(
-                "training.num_envs: a guarded environment cannot have several; set it to 1"
+                "training.num_envs: GuardedEnv supports only one environment; set it to 1"
             )
         bound = task.bind(render_mode=render_mode)
         try:

@@ -54,15 +54,13 @@ def oscillation(run: Run, recording: Recording) -> str | None:
     if wrong >= 0.5:
         why = "the file predicts other states for these actions: see the findings of serp diagnose"
     elif indifferent >= 0.5:
-        why = (
-            "the planner sees no reward from there: give one on the way, or a larger planner.depth"
-        )
+        why = "the planner finds no reward: add one on the way, or increase planner.depth"
     elif planned.mean() < 0.5:
-        why = "the learner has not learned enough there: train longer"
+        why = "the learner has not learned enough about these states: train longer"
     else:
-        why = "each action may overshoot what it is for: shorten it, or predict where it leads"
+        why = "each action may overshoot its target: shorten it, or describe its result better"
     which = " and ".join(f"`{name}`" for name, _ in common)
     return (
-        f"The robot goes to and fro without gain in {percent(len(cycle) / len(states))} of the "
-        f"newest {len(states):,} steps, by {which}. Likely cause: {why}."
+        f"The robot moves back and forth without progress in {percent(len(cycle) / len(states))} "
+        f"of the newest {len(states):,} steps, with {which}. The likely cause: {why}."
     )

@@ -64,8 +64,8 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     for kind, own in (("planner", run.task.planners), ("learner", run.task.learners)):
         if (name := getattr(agent.settings, kind).name) in own:
             raise RunError(
-                f"the run's {kind} `{name}` is a part of its task and cannot be exported; train "
-                f"with an installed {kind}; `serp list` names them"
+                f"the run's {kind} `{name}` belongs to its task and cannot be exported; train "
+                f"with an installed {kind} (see `serp list`)"
             )
     with run.environment() as task:
         arrays, meta = _state(agent, task)
@@ -192,7 +192,7 @@ class Policy:
             if wrong.any():
                 k = int(wrong.argmax())
                 raise RunError(
-                    f"the grounding gives `{self.fluents[k]}` = {grounded[k]:g}, and the recorded "
+                    f"the grounding gives `{self.fluents[k]}` = {grounded[k]:g}, but the recorded "
                     f"state has {state[k]:g}, for the observation {observation.tolist()}"
                 )
         return len(self._pairs)

@@ -435,8 +435,8 @@ class Recorder(Closing):
         """Take over the steps that are there."""
         if Layout.read(self._folder) != self._layout:
             raise RunError(
-                f"{self._folder / HEADER} is not of this run: names or sizes differ. Restore it "
-                "from a copy, or begin a new run with another --out."
+                f"{self._folder / HEADER} does not belong to this run: names or sizes differ. "
+                "Restore it from a copy, or begin a new run with another --out."
             )
         recorded = Recording(self._folder)
         if len(recorded) < steps:

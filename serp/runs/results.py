@@ -40,7 +40,7 @@ def lead(summary: Mapping[str, Any]) -> str:
         f"{plural(summary['env_steps'], 'environment step')} in {duration(summary['wall_time'])}. "
         f"The mean return {result} {return_of(summary)}. "
         f"Unsafe actions executed: {summary['unsafe_executed']:,}. "
-        f"Steps that came out unsafe: {summary['unsafe_observed']:,}."
+        f"Steps observed unsafe: {summary['unsafe_observed']:,}."
     )
 
 

@@ -242,8 +242,8 @@ class Run(Closing):
         for name in sorted(before.keys() | now.keys()):
             if before.get(name) != now.get(name):
                 raise RunError(
-                    f"{name} of the run was changed since it began, so that it does not fit what "
-                    "was learned; undo the change, or begin a new run with it"
+                    f"{name} of the run was changed after the run began, so it no longer fits what "
+                    "was learned; undo the change, or begin a new run"
                 )
         return checkpoint
 
@@ -332,7 +332,7 @@ class Run(Closing):
         if agent.task.grounding.takes:
             raise RunError(
                 f"{self.path}: the grounding of task {self.task.name} takes "
-                f"{' and '.join(agent.task.grounding.takes)}; an option gets observations only"
+                f"{' and '.join(agent.task.grounding.takes)}, but an option gets only observations"
             )
 
         def decide(observation: Any) -> Generator[Any, Any, None]:

@@ -396,8 +396,8 @@ def what_came(account: StepAccount) -> list[str]:
     lines.append(came + ".")
     if step.unsafe:
         flagged = any(cause.what == "unsafe" for cause in account.observed)
-        by = "" if flagged else ": the environment reported this, no line of the file flags it"
-        lines.append(f"The step came out unsafe{by}.")
+        by = "" if flagged else ": the environment reported this, but no line of the file flags it"
+        lines.append(f"The step was observed unsafe{by}.")
     if account.domain_reward is None:
         return lines
     expected = account.account.alternatives[step.decision.action].reward

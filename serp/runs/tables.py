@@ -141,7 +141,7 @@ class Table(Closing):
             for line in itertools.islice(file, 1 + rows):
                 if not end and not header.startswith(line):
                     raise RunError(
-                        f"{self._path}:1: has other columns than this serp writes "
+                        f"{self._path}:1: the columns are not those of this version of serp "
                         f"({', '.join(self._columns)}). Begin a new run with another --out."
                     )
                 if line.endswith(b"\n"):

@@ -202,8 +202,8 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
                 progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):
                 progress.note(
-                    f"Nothing is left to do after {trainer.env_steps} env steps; to train on, give "
-                    f"a larger budget in all, such as --env-steps {2 * trainer.env_steps}."
+                    f"Nothing is left to do after {trainer.env_steps} env steps; to continue, give "
+                    f"a larger total budget, such as --env-steps {2 * trainer.env_steps}."
                 )
             else:
                 # A failure in the first episodes must not prevent a continuation.

@@ -79,7 +79,7 @@ class Trainer(Bookkeeping, Closing):
             self.agent = Agent(task, settings, seed, baseline=baseline)
         except MemoryError as error:
             raise SettingsError(
-                "learner: its networks and its replay memory do not fit into memory; make "
+                "learner: the networks and the replay buffer do not fit into memory; make "
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"
             ) from None
         self.under_way = 1

@@ -67,8 +67,8 @@ def _distribution(name: str, given: Any) -> d.BaseDistribution:
     numbers = {type(low), type(high)} <= {int, float}
     if not numbers or not low < high or (log and low <= 0):
         raise SettingsError(
-            f"{name}={given}: a range is for numbers, its first end is smaller than its second, "
-            "and on a logarithmic scale above 0"
+            f"{name}={given}: a range needs two numbers, the first smaller than the second (and, "
+            "with `log:`, above 0)"
         )
     if isinstance(low, int) and isinstance(high, int):
         return d.IntDistribution(low, high, log=log)

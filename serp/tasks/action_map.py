@@ -102,8 +102,8 @@ class ActionMap:
         if mapping is None:
             if count > size:
                 raise TaskError(
-                    f"the domain has {count} ground actions, the environment {size}; give the "
-                    "task `actions={name: number}` to map them"
+                    f"the domain has {count} ground actions, but the environment has {size}; give "
+                    "the task `actions={name: number}` to map them"
                 )
             return list(range(count))
         if not isinstance(mapping, Mapping):
@@ -117,7 +117,7 @@ class ActionMap:
             if whole(action, 0, size - 1) is None:
                 raise TaskError(
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
-                    f"are 0 ... {size - 1}"
+                    f"are 0 to {size - 1}"
                 )
             if name in schemas:
                 by_schema.update((target, int(action)) for target in schemas[name])

@@ -252,7 +252,7 @@ class BoundTask(Closing):
         except Exception as error:
             raise RunError(
                 f"task {self.name}: the environment cannot restore its saved state: "
-                f"{raised(error)}; continue with the environment it was saved with"
+                f"{raised(error)}; continue with the original environment"
             ) from error
 
 

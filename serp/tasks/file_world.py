@@ -299,7 +299,7 @@ def _initial_state(domain: Domain) -> Vector:
         )
     if problem is None or not problem.has_init:
         raise DomainError(
-            "a world made of a file begins in the :init of a problem, and there is none",
+            "a world made of a file begins in the :init of a problem, but no :init was found",
             domain.syntax.place if problem is None else problem.place,
             f"write `(:init ...)` in a problem file, by default {domain.syntax.name}-problem.pddl "
             "beside the domain file",

@@ -55,7 +55,7 @@ class Grounding:
         for name, given in taken.items():
             if given is None:
                 raise TaskError(
-                    f"the grounding takes `{name}` beside the observation; give it, too"
+                    f"the grounding needs `{name}` as well as the observation; give both"
                 )
         return self._function(observation, **taken)
 

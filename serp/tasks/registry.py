@@ -140,9 +140,9 @@ def _only(module: ModuleType, name: str) -> Any:
         return next(iter(tasks.values()))
     if tasks:
         which = ", ".join(f"`--task {name}:{key}`" for key in tasks)
-        raise TaskError(f"--task {name}: which task? Write {which}")
+        raise TaskError(f"--task {name}: there are several tasks; write one of {which}")
     raise TaskError(
-        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; name it: "
+        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; write "
         f"`--task {name}:FUNCTION`"
     )
 
@@ -172,7 +172,7 @@ def load_task(name: str) -> Task:
     Raises:
         TaskError: There is none, or making it fails.
     """
-    advice = "\n  For your own task use `--task FILE.py`, or pass a `serp.Task` in Python."
+    advice = "\n  For your own task, use `--task FILE.py`, or pass a `serp.Task` in Python."
     entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
     with plugins.loading(entry, "task", TaskError):
         made = entry.load()()
@@ -223,9 +223,9 @@ def find_task(named: Task | str) -> Task:
     if loaded.problem_syntax is None or not loaded.problem_syntax.has_init:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
-            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
-            "environment of your own, write a serp.Task (serp new does) and name it: --task "
-            "FILE.py:FUNCTION; without one, write a problem with an :init: the file is then a world"
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have "
+            "an environment, write a serp.Task (as `serp new` does) and give --task "
+            "FILE.py:FUNCTION. If not, add a problem file with an `:init`; it is then the world"
         )
     from serp.tasks.file_world import file_task
 

@@ -39,7 +39,7 @@ class ActionSpace:
             self._shape = (2,) * int(np.prod(space.shape))
         else:
             raise ValueError(
-                f"serp needs discrete actions, this environment has {space}; offer a few "
+                f"serp needs discrete actions, but this environment has {space}; offer a few "
                 "controllers as actions: serp_envs.MacroActions"
             )
         self.size = int(np.prod(self._shape, dtype=object))
@@ -65,7 +65,7 @@ class ActionSpace:
             return int(np.ravel_multi_index(np.array(action).ravel().tolist(), self._shape))
         except (TypeError, ValueError):
             most = ", ".join(str(count - 1) for count in self._shape)
-            raise ValueError(f"expected a number, or a tuple from 0 to ({most})") from None
+            raise ValueError(f"expected a number, or a tuple of at most ({most})") from None
 
 
 class Observations:
@@ -172,29 +172,29 @@ def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
         return
     kind = Mapping if isinstance(space, spaces.Dict) else Sequence
     if not isinstance(raw, kind) or isinstance(raw, str) or len(raw) != len(below):
-        raise ValueError(f"{_named(path, raw)}; {space} is wanted")
+        raise ValueError(f"{_named(path, raw)}; expected {space}")
     for key, place, part in below:
         if isinstance(raw, Mapping) and key not in raw:
-            raise ValueError(f"{_named(path, raw)}, without `{key}`; {space} is wanted")
+            raise ValueError(f"{_named(path, raw)}, without `{key}`; expected {space}")
         yield from _leaves(part, raw[key], place)
 
 
 def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]:
     if not isinstance(leaf, spaces.Box):
         if not leaf.contains(value):
-            raise ValueError(f"{_named(path, value)}; a member of {leaf} is wanted")
+            raise ValueError(f"{_named(path, value)}; expected a member of {leaf}")
         return np.asarray(spaces.flatten(leaf, value), dtype=np.float64).reshape(-1)
     try:
         array = np.asarray(value)
     except Exception as error:  # ragged lists, a tensor with a gradient, or anything else
         raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
     if array.dtype.kind not in "biuf":
-        raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")
+        raise ValueError(f"{_named(path, value)}; expected real numbers for {leaf}")
     size = math.prod(leaf.shape)
     if array.size != size:
         raise ValueError(
             f"{_named(path, value)}: {array.size} numbers of shape {array.shape}; "
-            f"{size} are wanted, for {leaf}"
+            f"expected {size} for {leaf}"
         )
     return np.array(array, dtype=np.float64).reshape(-1)  # environments reuse their buffers
 
@@ -253,7 +253,7 @@ def _number(value: Any, what: str) -> float:
     if not isinstance(element, Real):
         advice = ""
         if getattr(element, "shape", ()):
-            advice = "; weigh its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
+            advice = "; combine its parts in a wrapper, such as gymnasium.wrappers.TransformReward"
         raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number{advice}")
     try:
         number = float(element)

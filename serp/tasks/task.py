@@ -49,8 +49,8 @@ class Judge:
         self._model = task.model
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
-                f"training: reward is {self.source}, but the domain of task {task.name} says "
-                "nothing about reward; write `(increase (reward) ...)` in an action or event, or "
+                f"training.reward is {self.source}, but the domain of task {task.name} gives no "
+                "reward; write `(increase (reward) ...)` in an action or event, or "
                 "set training.reward=environment"
             )
 
@@ -92,10 +92,10 @@ def describe_source(source: Source, *, in_file: bool, world: bool = False) -> st
     if not in_file:
         return "the environment's reward; the domain file gives none"
     if world:
-        return "the rewards of the domain file, for what really happened"
+        return "the rewards of the domain file, computed from what actually happened"
     return (
-        "the environment's reward; the planner uses the file's. With training.reward=sum the "
-        "learner uses both, with training.reward=domain the file's alone"
+        "the environment's reward, and the planner plans with the file's. With training.reward=sum "
+        "the learner learns from both, with training.reward=domain only from the file's"
     )
 
 

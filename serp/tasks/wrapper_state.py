@@ -38,8 +38,8 @@ def restore(
     if not statistics_only:
         own = [layer for layer in _layers_of(env) if _saves_itself(layer)]
         if len(own) != len(saved["own"]):
-            layers = f"{len(saved['own'])} layers with a state_dict()"
-            raise ValueError(f"the saved one has {layers}, this one {len(own)}")
+            layers = f"{len(saved['own'])} wrappers with a state_dict()"
+            raise ValueError(f"the saved environment has {layers}, this one has {len(own)}")
         for layer, state in zip(own, saved["own"], strict=True):
             layer.load_state_dict(state)
     here = list(_parts(env))
@@ -50,7 +50,7 @@ def restore(
             if part.kind == "statistics" or not statistics_only:
                 part.restore(state)
         elif state["kind"] != "generator":  # the first reset may make a generator
-            raise ValueError(f"the saved one has a layer with `{name}`, this one has none")
+            raise ValueError(f"only the saved environment has a wrapper with `{name}`")
 
 
 def has_statistics(env: gym.Env[Any, Any]) -> bool:
@@ -88,8 +88,8 @@ class _Part(NamedTuple):
     def _fitting(self, saved: Mapping[str, Any], current: Any) -> Any:
         if tuple(saved["shape"]) != np.shape(current):
             raise ValueError(
-                f"`{self.name}` of {type(self.layer).__name__} has shape {np.shape(current)}, the "
-                f"saved one {tuple(saved['shape'])}"
+                f"`{self.name}` of {type(self.layer).__name__} has shape {np.shape(current)}, "
+                f"but the saved array has {tuple(saved['shape'])}"
             )
         dtype = np.dtype(saved["dtype"])  # an update may have changed it
         if dtype.kind not in "biuf":

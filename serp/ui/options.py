@@ -44,11 +44,11 @@ def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None)
 own_task_option = click.option(
     "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
-         "gives a serp.Task. A command that needs no environment ignores it.")  # fmt: skip
+         "gives a serp.Task. Commands that need no environment ignore it.")  # fmt: skip
 
 domain_option = click.option(
     "--domain", metavar="NAME|FILE",
-    help="Installed task, or a domain file of one; any other file is a world, as in "
+    help="Installed task, or its domain file. Any other file is itself the world, as in "
          "serp play.")  # fmt: skip
 
 problem_option = click.option(
@@ -68,8 +68,8 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print everyt
 
 policy_option = click.option(
     "--policy", type=click.Choice(get_args(Policy)), default="serp", show_default=True,
-    help="serp: the trained policy, within the vetoes; planner: the planner alone; learner: the "
-         "learner alone, no veto. None explores.")  # fmt: skip
+    help="serp: the trained policy, with vetoes; planner: the planner alone; learner: the learner "
+         "alone, without vetoes. No policy explores.")  # fmt: skip
 
 
 def command(*lines: str) -> Callable[[Callable[..., Any]], click.Command]:
@@ -179,7 +179,7 @@ def recorded_task(folder: Path) -> Task | None:
     if not code or not (file := _file_of(code)).is_file():
         return None
     if _trusted().get(str(file)) != _digest(file):
-        give = f"{folder} was made of {file}, which you have not run, or which has changed."
+        give = f"{folder} was made with {file}. You have not run this file yet, or it has changed."
         if not sys.stdin.isatty():
             raise SerpError(f"{give} To run it, add --task {shlex.quote(code)}")
         click.confirm(f"{give} Run it?", abort=True, err=True)
@@ -230,7 +230,7 @@ def asked_task(domain: str | None) -> Task:
         return task
     file = find_domain_file(domain)
     if file is None:
-        raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+        raise SerpError(f"--domain {domain}: with --task, give a domain file")
     return dataclasses.replace(task, domain=file, problem=None)
 
 

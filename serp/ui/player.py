@@ -34,17 +34,17 @@ from serp.ui.output import print_table, show
 from serp.ui.root import say
 
 HELP: Final = (
-    ("ACTION", "do it: its number, its name, the beginning of its name; `ACTION * 5`: five times"),
-    ("?", "ask the planner: what each action would bring, and why"),
-    ("p [N]", "let the planner act, N times"),
-    ("u [N]", "undo the last step or change, N of them"),
-    ("r", "restart where the game began"),
-    ("s", "the state: all fluents, and the applicable actions"),
+    ("ACTION", "execute this action (its number, name or beginning); `ACTION * 5`: five times"),
+    ("?", "ask the planner what each action would lead to, and why"),
+    ("p [N]", "let the planner act (N times)"),
+    ("u [N]", "undo the last step or change (the last N)"),
+    ("r", "restart from the initial state"),
+    ("s", "show the state: all fluents, and the applicable actions"),
     ("FLUENT = VALUE", "change the state, such as `door-open hall = true`"),
     ("save TITLE", "write the situation as a scenario beside the file, for `serp test`"),
-    ("h", "this help"),
+    ("h", "show this help"),
     ("q", "quit"),
-    ("", "on a terminal, an empty line repeats the last one"),
+    ("", "on a terminal, an empty line repeats the last command"),
 )
 
 

@@ -37,7 +37,7 @@ def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
             if isinstance(atom, x.Atom) and subject.domain.syntax.declarations[atom.name].reserved:
                 yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so {what} always finds it "
-                    "false; events are the ones that can read it",
+                    "false; read it in an event",
                     atom.place,
                 )
 
@@ -64,7 +64,7 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
         flags = "`(reward)` needs" if declaration.numeric else "`(unsafe)`, `(terminal)` need"
         text, advice = "declared, but nothing changes or reads it", ""
         if name in changed:
-            text = "changed, but nothing reads it: no condition, no reward"
+            text = "changed, but no condition and no reward reads it"
             advice = f"only {flags} no reader"
         yield DomainWarning(f"{what} `{name}` is {text}", declaration.place, advice=advice)
 
@@ -129,7 +129,7 @@ def _set_and_unset(subject: LintSubject) -> Iterator[DomainWarning]:
             for effect in settings:
                 if not effect.value and x.meaning(effect.atom) in made:
                     yield DomainWarning(
-                        f"`{effect.place.text}` in {what} comes to nothing: "
+                        f"`{effect.place.text}` in {what} has no effect, because "
                         f"`{effect.atom.place.text}` is made true at the same time",
                         effect.place,
                     )
@@ -150,7 +150,7 @@ _CANNOT = {
 @rule("no-action")
 def _no_action(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.actions:
-        text, advice = "no ground action, so there is nothing to plan with", ""
+        text, advice = "there is no ground action, so there is nothing to plan with", ""
         if subject.waits_for_problem:
             advice = (
                 "give the problem file that names the objects: NAME-problem.pddl beside "
@@ -173,7 +173,7 @@ def _schema_without_use(subject: LintSubject) -> Iterator[DomainWarning]:
             )  # fmt: skip
             why = "its precondition can never hold" + (" in this problem" if problem else "")
             if empty:
-                nor = "" if problem else " (nor a problem file that could name some)"
+                nor = "" if problem else ", and no problem file that could declare one"
                 why = f"there is no object of type `{'/'.join(empty)}`{nor}"
             yield DomainWarning(f"{what} has no instance: {why}", place)
 

@@ -75,8 +75,8 @@ class Decider:
         learned = agent.task.domain
         if learned.name != domain.name:
             raise RunError(
-                f"the run is of the domain `{learned.name}`, and the scenarios are of "
-                f"`{domain.name}`; give a run of that domain"
+                f"the run belongs to the domain `{learned.name}`, but the scenarios belong to "
+                f"`{domain.name}`; give a run of `{domain.name}`"
             )
         return cls(agent.guarded, learned, agent.settings.planner)
 
@@ -394,5 +394,5 @@ def _expected(values: Mapping[str, float], decider: Decider, title: str) -> list
         if reason in dangers:
             expected.append(f"  refuses {decider.name(action)} because {dangers[reason]}")
     if not expected:
-        raise SerpError(f"{title}: the planner has no action there, and no action is unsafe")
+        raise SerpError(f"{title}: the planner has no action here, and no action is unsafe")
     return expected

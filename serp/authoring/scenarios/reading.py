@@ -72,7 +72,7 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
                 current = line.scenario(scenarios)
             elif stray:
                 raise DomainError(
-                    f"`{line.next_word.text}` stands before the first scenario",
+                    f"`{line.next_word.text}` comes before the first scenario",
                     line.place,
                     "a scenario begins with a line such as `scenario the pole leans to the right`",
                 )
@@ -90,7 +90,7 @@ def _refuse_empty(scenario: s.Scenario | None, begun: int) -> None:
         return
     with scenario.place.source.recovering():
         raise DomainError(
-            f"nothing is expected in the scenario `{scenario.title}`",
+            f"the scenario `{scenario.title}` has no expectation",
             scenario.place,
             "an expectation is a line such as " + listed([*EXAMPLES.values()][:4]),
         )
@@ -113,7 +113,7 @@ class _Statement:
         title = self._rest.strip()
         if not title:
             raise DomainError(
-                "a scenario has a title", self.place, write="scenario the pole leans to the right"
+                "this scenario has no title", self.place, write="scenario the pole leans right"
             )
         if (twin := known.get(title.lower())) is not None:
             raise DomainError(
@@ -130,7 +130,7 @@ class _Statement:
             if to.expectations:
                 line = to.expectations[0].place.line
                 raise DomainError(
-                    "the situation comes before what is expected in it",
+                    "this line describes the situation, but follows an expectation",
                     self.place,
                     f"move this line above line {line}, or begin another scenario",
                 )
@@ -139,7 +139,7 @@ class _Statement:
             return replace(to, given={**to.given, **self._given()})
         expectation = self._expectation()
         if (extra := self.next_word).text:
-            problem = f"`{extra.text}` is more than this line can say"
+            problem = f"`{extra.text}` does not belong to this expectation"
             raise DomainError(problem, extra, "begin a new line for another expectation")
         return replace(to, expectations=(*to.expectations, expectation))
 
@@ -148,7 +148,7 @@ class _Statement:
         name, numeric, place = self._fluent()
         if name in (REWARD, UNSAFE, TERMINAL):
             raise DomainError(
-                f"`({name})` starts afresh in every step", place, "leave this line out"
+                f"`({name})` cannot be given: every step resets it", place, "leave this line out"
             )
         if not numeric:
             value = float(not negated)
@@ -165,7 +165,7 @@ class _Statement:
     def _like(self, to: s.Scenario, known: dict[str, s.Scenario]) -> s.Scenario:
         if to.recorded is not None or to.given:
             raise DomainError(
-                "`like` comes first", self.place, "values that differ follow below it"
+                "`like` must be the first line", self.place, "write values that differ below it"
             )
         self.skip("like")
         example = "like step 3 of episode 2 of runs/seven"
@@ -213,10 +213,10 @@ class _Statement:
 
     def _unknown_statement(self) -> DomainError:
         word, (name, equals, value) = self.next_word, self._rest.partition("=")
-        problem = f"`{word.text}` begins neither a situation nor an expectation"
+        problem = f"no situation or expectation begins with `{word.text}`"
         if name.strip().lower() in [fluent.name for fluent in self._model.fluents]:
             write = f"({name.strip()})" + (f" = {value.strip()}" if equals else "")
-            return DomainError(problem, word, f"a fluent stands in parentheses: `{write}`")
+            return DomainError(problem, word, f"write a fluent in parentheses: `{write}`")
         advice = did_you_mean(word.text, EXAMPLES) if closest(word.text, EXAMPLES) else ""
         advice = advice or "an expectation begins with " + listed(EXAMPLES)
         return DomainError(problem, word, advice)
@@ -226,7 +226,7 @@ class _Statement:
         if not words:
             raise self._missing("a reason", "", advice)
         if words not in s.REASONS:
-            problem = f"`{words}` is no reason to refuse an action"
+            problem = f"`{words}` is not a reason for a refusal"
             raise DomainError(problem, self.next_word, advice)
         self.at = self.place.end
         return words
@@ -369,7 +369,7 @@ def _instead_of(name: str, known: Sequence[str]) -> str:
     if begun := [action for action in known if name.startswith(f"{action} ")]:
         action = max(begun, key=len)
         return (
-            f"the action is `{action}`; a reason follows `because`, another action follows `or`, "
-            f"and `{name[len(action) + 1 :]}` is neither"
+            f"`{name[len(action) + 1 :]}` cannot follow the action `{action}`; write `because` "
+            "before a reason, and `or` before another action"
         )
     return did_you_mean(name, known)

@@ -1,8 +1,8 @@
-; ${name}: what is known of ${env}.
+; ${name}: a description of ${env}.
 ;
-; `serp new` made this frame of what the environment tells of itself. What is left to do is yours:
-; say what the actions change, what is good, and what must never happen. It need not be exact, and
-; not all of it is needed: what the file leaves out, SErP learns while it acts.
+; `serp new` wrote the names that the environment gives. Add what you know: what the actions change,
+; what is good, and what must never happen. The file need not be exact or complete: SErP learns what
+; is missing while it acts.
 ;
 ; After a change:
 ;   serp check ${name}.pddl --task ${name}.py    does it fit together?
@@ -15,18 +15,18 @@
 (define (domain ${name})
   (:requirements :strips :typing :negative-preconditions :numeric-fluents :time)
 
-  ; What is true or false. Both names are reserved. Where an event makes one of them true:
+  ; What is true or false. Both names are reserved. If an event makes one of them true:
   (:predicates
     (unsafe)     ; something breaks: avoided as long as anything else is possible
     (terminal))  ; the episode ends
 
-  ; What has a number. ${name}.py says where each comes from; rename or remove them in both files.
+  ; What has a number. ${name}.py computes each number; rename or remove it in both files.
   (:functions
 ${functions}
 
-  ; What the robot can do. An effect says what changes, such as
+  ; What the robot can do. An effect says what an action changes, such as
   ;   :effect (and (increase (${first}) 0.1))
-  ; and a precondition when it can be done, such as (and (< (${first}) 1)).
+  ; A precondition says when the action is possible, such as (and (< (${first}) 1)).
 
 ${schemas}
   ; What the world does by itself, per unit of time. Remove the semicolons:
@@ -36,8 +36,8 @@ ${schemas}
   ;   :precondition (and)
   ;   :effect (and (increase (${first}) (* #t 0.1))))
 
-  ; What is good or bad about the place where a step has led. Without a reward in this file, the
-  ; learner learns from that of the environment, and the planner has nothing to go by.
+  ; Rewards for the state that a step has reached. If this file gives no reward, the learner uses
+  ; the environment's reward, and the planner has no aim.
 
   ; (:event good
   ;   :parameters ()

@@ -294,8 +294,8 @@ class ModelAdaptation:
         """
         if not np.array_equal(arrays.get("written", ()), self._written.theta):
             raise RunError(
-                "the saved adaptation belongs to another domain file; continue with the one it "
-                "was learned with"
+                "the saved adaptation belongs to another domain file; continue with "
+                "the original file"
             )
         saved = Saved("adaptation", arrays, meta)
         self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)

@@ -111,12 +111,12 @@ class ModelAdoption(NamedTuple):
 
     def __str__(self) -> str:
         if not self.adapts:
-            return "as written; nothing is learned beside the file"
+            return "as written; nothing is learned"
         if not self.in_use:
-            return "as written, though it may adapt: nothing learned is in use"
+            return "as written; it may adapt, but nothing learned is in use"
         parts = []
         if self.parameters:
-            parts.append(f"{plural(len(self.parameters), 'number')} of the file estimated")
+            parts.append(f"estimates of {plural(len(self.parameters), 'number')} of the file")
         for what, names in (
             ("residual", [f.fluent for f in self.fluents if f.residual]),
             ("counted outcomes", [f.fluent for f in self.fluents if f.outcomes]),

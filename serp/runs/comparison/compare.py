@@ -151,9 +151,8 @@ def _jobs(folder: Path, plan: ComparisonPlan, bound: BoundTask) -> list[Job]:
             if first > plan.protocol.env_steps:
                 raise SettingsError(
                     f"`{algorithm.name}` first learns after {first:,} env steps, "
-                    f"and the budget is {plan.protocol.env_steps:,}: its curve would be that of an "
-                    f"untrained network. Give at least --env-steps {first}, or "
-                    "leave it out."
+                    f"but the budget is {plan.protocol.env_steps:,}, so it would learn nothing. "
+                    f"Give at least --env-steps {first}, or leave the algorithm out."
                 )
         for seed in plan.seeds:
             trial_folder = place / f"{file_name(algorithm.name)}-{seed}"
@@ -256,7 +255,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
         )
     if failed:
         raise RunError(
-            f"{len(failed)} of {len(jobs)} trials failed; the first, {failed[0]}\n"
-            f"The others are kept in {folder}."
+            f"{len(failed)} of {len(jobs)} trials failed; the first one, {failed[0]}\n"
+            f"All trials are kept in {folder}."
         )
     return Comparison(folder, results)

@@ -53,7 +53,7 @@ def find_engine(name: str) -> Engine:
 
 
 _LOST: Final = (
-    "its worker was lost. The same command goes on where the trial was. Perhaps the memory is too "
+    "its worker was lost. Repeat the command to continue the trial. Perhaps the memory is too "
     "small for so many trials at the same time (--jobs), or a script calls serp outside of "
     '`if __name__ == "__main__":`'
 )
@@ -206,7 +206,7 @@ def _run_apart(
                 except Exception:  # of the executor: the function itself raises none
                     ended = Ended(job, error=_LOST)
                 if ended.error is None and not ended.stopped and not job.complete:
-                    place = f"{job.folder} is not here: the machines need a common folder for --out"
+                    place = f"{job.folder} is missing: all machines need the same folder for --out"
                     ended = ended._replace(error=place)
                 yield ended
 

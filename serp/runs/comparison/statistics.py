@@ -45,45 +45,45 @@ class Measure(NamedTuple):
 # fmt: off
 MEASURES: Final = (
     Measure("training_area", "area under the training curve",
-            "Time average, over the budget, of the return of the running training episode; the "
-            "last complete episode's return goes on to the end of the budget.",
+            "Mean, over the env steps of the budget, of the return of the current training "
+            "episode; the last complete episode counts until the end of the budget.",
             "higher", "returns", True),
     Measure("first_50", "first 50 episodes",
-            "Mean return of the first 50 training episodes (of all, where there are fewer).",
+            "Mean return of the first 50 training episodes (of all, if there are fewer).",
             "higher", "returns", True),
     Measure("last_20", "last 20 episodes",
-            "Mean return of the last 20 training episodes (of all, where there are fewer).",
+            "Mean return of the last 20 training episodes (of all, if there are fewer).",
             "higher", "returns", True),
     Measure("threshold_env_steps", "env steps to the threshold",
             "Env steps until the mean return of 20 training episodes in a row first reaches the "
-            "threshold; where it never does, statistics count the whole budget. Fewer than 20 "
-            "training episodes are too few to tell.",
+            "threshold. If it is never reached, statistics use the whole budget. With fewer than "
+            "20 episodes, there is no value.",
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
-            "Time average, over the budget, of the mean returns of the learner alone (greedy, no "
-            "planner, no veto), linear between evaluations and constant before and after them.",
+            "Mean, over the env steps of the budget, of the return of the learner alone (greedy, "
+            "without planner and vetoes), interpolated between evaluations.",
             "higher", "returns", True),
     Measure("final_learner", "final learner alone",
             "Mean return of the learner alone (greedy, no planner, no veto) after training.",
             "higher", "returns", True),
     Measure("final_policy", "final policy",
-            "Mean return of the trained policy: the choice of the strategy within the vetoes; of "
-            "the planner, or of the learner, for an algorithm that has nothing else.",
+            "Mean return of the trained policy: the strategy's choice within the vetoes. If an "
+            "algorithm has only a planner or only a learner, it acts alone.",
             "higher", "returns", True),
     Measure("unsafe", "unsafe executed",
             "Actions executed in training that the domain file flags unsafe.",
             "lower", "safety", True),
     Measure("avoidable_unsafe", "avoidable unsafe executed",
-            "Those of them that were executed while another action was not flagged.",
+            "Executed actions that were flagged while another action was not.",
             "lower", "safety"),
-    Measure("unsafe_observed", "came out unsafe",
-            "Steps of training that came out unsafe, by what was observed, foreseen or not.",
+    Measure("unsafe_observed", "observed unsafe",
+            "Steps of training that were observed unsafe, predicted or not.",
             "lower", "safety"),
-    Measure("final_unsafe_observed", "came out unsafe, final policy",
-            "Steps that came out unsafe in an episode of the final policy.",
+    Measure("final_unsafe_observed", "observed unsafe, final policy",
+            "Steps that were observed unsafe in an episode of the final policy.",
             "lower", "safety"),
     Measure("terminated", "terminated episodes",
-            "Training episodes that the environment ended (a fall, a goal; not a time limit).",
+            "Training episodes that the environment ended (not a time limit).",
             None, "safety"),
     Measure("vetoes", "vetoes", "Proposals refused in training.", None, "safety"),
     Measure("planner_share", "planner's share",
@@ -101,7 +101,7 @@ def _task_measure(name: str) -> Measure:
     if kind == "outcome":
         meaning = f"Share of the final policy's episodes that ended with the outcome “{what}”."
         return Measure(name, f"outcome {what}", meaning, None, "task")
-    meaning = f"The environment's “{what}” at the end of an episode of the final policy, mean."
+    meaning = f"Mean of the environment's “{what}” at the ends of the final policy's episodes."
     return Measure(name, what, meaning, None, "task")
 
 

@@ -189,7 +189,7 @@ def _train(job: Job, bound: BoundTask, arena: BoundTask, stopped: Callable[[], b
             if job.protocol.points(trainer.env_steps) & evaluations.due:
                 raise RunError(
                     f"{job.folder} ran without the evaluations of this comparison, or one of "
-                    "them failed. Remove it to run the trial from the beginning."
+                    "them failed. Remove the folder to run the trial again."
                 )
             callbacks = Callbacks(after_step, after_episode)
             (job.folder / SUMMARY).unlink(missing_ok=True)  # it says that the trial is complete
@@ -281,7 +281,7 @@ class _ExternalLearner(NamedTuple):
             (action,) = self.external.act(x[np.newaxis].astype(np.float32), *masks)
             if action not in range(self.actions):
                 raise ValueError(
-                    f"act returned {action!r}; a whole number 0 ... {self.actions - 1} is wanted"
+                    f"act returned {action!r}; expected a whole number from 0 to {self.actions - 1}"
                 )
             return Proposal(int(action), False)
 
@@ -317,7 +317,7 @@ def _train_external(
         with _blamed(job.algorithm.name), contextlib.suppress(_Spent):
             external.learn(budget)
         if (made := env.env_steps) < budget:
-            raise RunError(f"`{job.algorithm.name}` made {made} env steps of {budget} and ended")
+            raise RunError(f"`{job.algorithm.name}` ended after {made} of {budget} env steps")
         evaluations.evaluate(budget)
         log.flush()
         write_results(run, {}, account=account_of(agent))
@@ -404,8 +404,8 @@ def _counted(info: dict[str, Any], name: str) -> float:
     value = real(int(counter) if isinstance(counter, bool) else counter)
     if value is None:
         raise TaskError(
-            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
-            "finite number is wanted"
+            f"the task counts `{name}`, but the environment's info[{name!r}] is {info[name]!r}; "
+            "expected a finite number"
         )
     return float(value)
 

@@ -214,19 +214,17 @@ class RuleFinding(_OfFluent):
         if not self.schema:
             if ends:
                 return f"the task ended in {unpredicted} for which no line predicted an end"
-            return f"no line predicted the reward of {unpredicted}, {observed} on average"
+            return f"no line predicted the reward in {unpredicted} ({observed} on average)"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"
-            return f"never predicted; it applied in {unpredicted}{reward}"
+            return f"never predicted; this line took effect in {unpredicted}{reward}"
         text = f"predicted in {plural(self.predicted, 'step')}"
         if ends:
             text += f"; the task ended in {self.correct:,} of them"
         else:
             text += f": predicted mean reward {readable(self.expected)}, observed {observed}"
             text += f"; {self.correct:,} of {plural(self.predicted, 'step')} matched"
-        return text + (
-            f"; the line applied unpredicted in {unpredicted}" if self.unpredicted else ""
-        )
+        return text + (f"; observed but not predicted in {unpredicted}" if self.unpredicted else "")
 
 
 Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding

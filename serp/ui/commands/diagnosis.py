@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 @click.option("--all", "everything", is_flag=True,
               help="Show all findings, and the errors of each fluent.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw predicted against observed changes to this file.")  # fmt: skip
+              help="Draw a chart of predicted against observed changes to this file.")  # fmt: skip
 def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN.
 
-    The predictions of the file are compared with the run's newest steps (up to 20,000): fluents,
-    rewards and ends. The three most costly findings are shown, each with the edit that `serp
-    repair` makes. The environment is not needed, and nothing is changed.
+    The fluents, rewards and ends that the file predicts are compared with the run's newest steps
+    (up to 20,000). The three most costly findings are shown, each with the edit that `serp repair`
+    makes. The command does not need the environment, and changes nothing.
     """
     if svg is not None:
         with needs_extra("plots", "a picture of a diagnosis"):
@@ -55,7 +55,7 @@ def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> No
         _print_diagnosis(diagnosis, everything=everything)
     if svg is not None:
         write_durably(svg, picture(diagnosis, "svg"))
-        say(f"Predicted against observed is drawn in {svg}")
+        say(f"A chart of predicted against observed changes is in {svg}")
 
 
 _FIRST = 3
@@ -70,9 +70,9 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     newest = f"{len(recorded.adaptation.experience):,} of {plural(recorded.env_steps, 'step')}"
     show(f"{recorded.path}: {file} compared with {newest}")
     if sample.left_out:
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
+        reasons = ", ".join(f"{count:,} with {reason}" for reason, count in sample.left_out.items())
         skipped = plural(sum(sample.left_out.values()), "step")
-        show(f"{skipped} left out because of: {reasons}")
+        show(f"{skipped} could not be compared: {reasons}")
     if recorded.made.learned_from == "environment":
         show("Rewards are compared with those of the environment.")
     show(diagnosis.verdict)
@@ -80,7 +80,7 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
         show(f"\n{told}")
     remarks = diagnosis.remarks if everything else diagnosis.remarks[:_FIRST]
     if len(diagnosis.remarks) > 1:
-        show("\nFindings are fitted together; take all of their edits or none.")
+        show("\nAll findings were fitted together, so apply all of their edits or none.")
     for number, remark in enumerate(remarks, 1):
         show(f"\n{number}. {remark.text}.")
         names = " and ".join(f"({name})" for name in sorted(remark.finding.symbols))
@@ -89,10 +89,10 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     if everything:
         _print_errors(diagnosis)
     elif rest := len(diagnosis.remarks) - len(remarks):
-        show(f"\n{plural(rest, 'finding')} more, and the error of each fluent: --all")
+        show(f"\n--all shows {plural(rest, 'more finding')}, and the error of each fluent")
     if remarks:
         print_next(
-            (again("repair", str(recorded.path)), "all edits together, as a difference"),
+            (again("repair", str(recorded.path)), "show all edits together"),
             (again("repair", str(recorded.path), "-o", "FILE.pddl"), "write the repaired file"),
         )
 
@@ -167,16 +167,16 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
 )
 @run_argument
 @click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
-              help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
-@click.option("--dry-run", is_flag=True, help="Only show what changes, and write nothing.")
+              help="Write the repaired file here.  [default: only show it]")  # fmt: skip
+@click.option("--dry-run", is_flag=True, help="Show the changes, and write nothing.")
 @click.option("--force", is_flag=True,
-              help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
+              help="Replace FILE.pddl and its problem file if they exist.")  # fmt: skip
 def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
-    Numbers are corrected in place, and missing effects are added, each with its evidence as a
-    comment. Random outcomes become `probabilistic`. Rewards, `(unsafe)` and ends are never changed;
-    comments say what was observed. All other text stays the same.
+    The command corrects numbers and adds missing effects, each with its evidence in a comment. It
+    writes random outcomes as `probabilistic`. It never changes rewards, `(unsafe)` and ends, but
+    adds comments that say what was observed. All other text stays the same.
     """
     from serp.runs.diagnosis import repair as repairing
     from serp.runs.diagnosis.analysis import findings
@@ -201,7 +201,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")
         show(diagnosis.verdict)
     if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
-        say("\n  ".join(["Not explained, so left unchanged:", *unrepaired]))
+        say("\n  ".join(["These could not be explained and were left unchanged:", *unrepaired]))
     if repaired.changes and out is not None:
         _write(recorded, repaired.text, out)
         say(f"{changes}, from {steps}; the repaired file is {out}")
@@ -215,7 +215,7 @@ def _refuse_to_replace(recorded: Run, out: Path, force: bool) -> None:
 
     if os.path.realpath(out) in {os.path.realpath(copy) for copy in recorded.copies()}:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.path}")
-    for file, what in ((out, ""), (problem_beside(out), f", the place of {out}'s problem")):
+    for file, what in ((out, ""), (problem_beside(out), f" and would be {out}'s problem file")):
         if os.path.lexists(file) and not force:
             raise SerpError(f"{file} exists{what}; give another name, or overwrite it with --force")
 
@@ -228,4 +228,4 @@ def _write(recorded: Run, text: str, out: Path) -> None:
     beside, problem = problem_beside(out), recorded.domain.problem_source
     write_together({**({} if problem is None else {beside: problem.text}), out: text})
     if problem is not None:
-        say(f"Its problem file is copied to {beside}")
+        say(f"The problem file is copied to {beside}")

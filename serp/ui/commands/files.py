@@ -23,16 +23,17 @@ from serp.ui.root import say
 )
 @click.argument("name", type=click.Path(path_type=Path))
 @click.option("--env", metavar="ID|FILE.py:CLASS|FILE.py:FUNCTION",
-              help="A Gymnasium environment: ID, PACKAGE:ID or a class of yours.")  # fmt: skip
+              help="A Gymnasium environment: ID, PACKAGE:ID or your own class.")  # fmt: skip
 def new(name: Path, env: str | None) -> None:
-    """Write the first files of the task NAME; none is overwritten.
+    """Write the first files of the task NAME; no existing file is overwritten.
 
-    With --env these are NAME.pddl, a frame of a domain file with the environment's actions and the
-    numbers of its observations, and NAME.py, the task that adapts it. What is known of the
-    environment is yours to write; check and plan-and-learn work at once.
+    With --env, NAME.pddl has the environment's actions and the numbers of its observations, and
+    NAME.py is the task. Add what you know of the environment to NAME.pddl; `serp check` and `serp
+    plan-and-learn` work before that, too.
 
-    Without --env it is an example whose world is the file itself, for `serp play`. NAME.scenarios
-    is for what you expect of the file, for `serp test`.
+    Without --env, NAME.pddl is an example for `serp play`, whose world is the file itself.
+
+    NAME.scenarios says what you expect of the file; `serp test` checks this.
     """
     from serp.authoring.scaffold import new_task
 
@@ -42,16 +43,16 @@ def new(name: Path, env: str | None) -> None:
         show(f"written: {file}")
     rows = [
         (f"serp play {domain}", "step it by hand; `?` asks the planner"),
-        (f"serp check {domain}", "does it make sense, after each change"),
-        (f"serp test {domain}", "does the planner do what you expect"),
+        (f"serp check {domain}", "check the file after each change"),
+        (f"serp test {domain}", "check that the planner does what you expect"),
         (f"serp plan-and-learn --domain {domain}", "let a learner practise in it"),
     ]
     if env is not None:
         task = files[1]
         rows = [
-            (str(domain), "say what the actions change, what is good, what must not happen"),
-            (f"serp check {domain} --task {task}", "does it fit together, after each change"),
-            (f"serp plan --task {task} --observe", "what the planner would do"),
+            (str(domain), "write what the actions change, what is good, and what must not happen"),
+            (f"serp check {domain} --task {task}", "check both files after each change"),
+            (f"serp plan --task {task} --observe", "show what the planner would do"),
             (f"serp plan-and-learn --task {task}", "train"),
         ]
     print_next(*rows)
@@ -68,10 +69,10 @@ def new(name: Path, env: str | None) -> None:
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
 @click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
 def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
-    """Lay files out regularly: indentation and blanks, nothing else.
+    """Correct the indentation and spaces of files, and nothing else.
 
-    Line breaks and comments are kept; only lines of more than 100 columns are broken. Other options
-    do not exist, so that files of different authors look the same.
+    Line breaks and comments are kept, except that lines of more than 100 columns are broken. The
+    style has no options, so files of different authors look the same.
     """
     from serp.authoring.lint.formatting import formatted
     from serp.pddl.source import Source
@@ -95,7 +96,7 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
             say(str(error))
             wrong += 1
     done = "would change" if check or diff else "formatted"
-    say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} as they should be")
+    say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} already formatted")
     return 1 if wrong or (check and changed) else 0
 
 
@@ -110,9 +111,9 @@ def write_changed(path: Path, text: str) -> None:
 
 @command("serp lsp", "pip install 'serp[lsp]'")
 def lsp() -> None:
-    """Serve an editor, by the Language Server Protocol.
+    """Serve an editor with the Language Server Protocol.
 
-    Editors start this command themselves; docs/how-to/editors.md says how each is told.
+    The editor starts this command itself; docs/how-to/editors.md says how to set up each editor.
     """
     with needs_extra("lsp", "`serp lsp`"):
         from serp.authoring.language_server.server import Input, server
@@ -131,22 +132,22 @@ def lsp() -> None:
               help="Port on this machine.  [default: any that is free]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
-              help="Begin with a step of RUN, as in decisions.csv, from 0.")  # fmt: skip
+              help="Begin with step N of RUN, as numbered in decisions.csv.")  # fmt: skip
 def studio(name: str, port: int, no_browser: bool, step: int | None) -> None:
     """Edit a domain file in the browser and see what it means.
 
-    Beside the text stand what is wrong in it, the planner's decision in a state of your choice, and
-    its planning graph. The page is served on this machine alone, at an address with a token; it
-    loads nothing from the network. Files are saved in the working folder alone.
+    The page shows the text, its mistakes, the planner's decision in a state of your choice, and the
+    planning graph. Only this machine can open the page, at an address with a token; the page loads
+    nothing from the network. Files are saved only in the working folder.
 
-    With RUN, the folder of a training, its copy of the file is opened.
+    If RUN, the folder of a training, is given, its copy of the file is opened.
 
-    Ctrl-C ends it.
+    Ctrl-C ends the studio.
     """
     with needs_extra("studio", "serp studio"):
         from serp.ui.studio.serving import serve
     from serp.ui.studio.session import open_session
 
     session = open_session(name, Path.cwd(), asked_own_task(), step)
-    say("serp studio runs at this address; Ctrl-C ends it.")
+    say("Open this address to use serp studio; Ctrl-C ends it.")
     serve(session, port, browser=not no_browser)

@@ -58,14 +58,14 @@ if TYPE_CHECKING:
               help="Take the state from the environment, after a reset.")  # fmt: skip
 @seed_option("Seed of the reset.")
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="Who plans.  [default: the planner of a training]")  # fmt: skip
+                what="Planner to use.  [default: the planner of a training]")  # fmt: skip
 @setting_option("--depth", "planner.depth", metavar="N",
-                what="Actions to look ahead, where the planner does not see to the end.  "
+                what="Actions to look ahead, if the planner does not see to the end of the task.  "
                      "[default: the task's, else 5]")  # fmt: skip
 @dt_option
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw the planning graph of the lookahead there.")  # fmt: skip
+              help="Draw the planning graph of the lookahead to this file.")  # fmt: skip
 @json_option
 def plan(
     run: Path | None,
@@ -81,14 +81,14 @@ def plan(
 ) -> None:
     """Show what the planner decides in one state, and why.
 
-    --state sets fluents. The others come from the problem file or, with --observe, from the task's
-    environment. Without either option the state is the problem's initial state, or else an
-    observed one.
+    --state sets fluents. The other fluents come from the problem file or, with --observe, from the
+    task's environment. If neither option is given, the state is the problem's initial state, or
+    else an observed state.
 
     The planner and its settings are those of a new training of the task. The picture shows the
-    lookahead, and says so where the planner uses another method.
+    lookahead; its title says so if the planner uses another method.
 
-    With RUN, the folder of a training, the planner is that of the run, with its learned model.
+    If RUN, the folder of a training, is given, its planner and its learned model are used.
     """
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
@@ -168,7 +168,7 @@ def _asked_state(
             base = grounded.model.values(bound.ground(raw, info, bound.env))
         origin = f"observed after a reset with seed {seed}"
     elif seed and task is not None:
-        raise SerpError("--seed is that of a reset; give --observe, too, for the state after one")
+        raise SerpError("--seed is the seed of the environment's reset; give --observe, too")
     elif complete or initial is not None:
         base = {} if initial is None else grounded.model.values(initial)
         origin = "in the initial state of its problem"
@@ -176,10 +176,10 @@ def _asked_state(
             origin = "in the given state"
     else:
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
-        other = "a problem file with an :init" if task is None else "the environment's: --observe"
+        other = "a problem file with an :init" if task is None else "--observe"
         raise SerpError(
             f"{domain.source.name}: the state is incomplete: --state gives no value of "
-            f"{listed(missing)}; give these too, or {other}"
+            f"{listed(missing)}; give these, too, or {other}"
         )
     if given and not complete:
         origin += ", changed by --state"
@@ -194,10 +194,10 @@ def _asked_state(
 def _opened(folder: Path) -> Run:
     """Open the run that is asked for."""
     own = ("name", "problem", "planner", "depth", "dt", "settings")
-    refuse_given(own, "cannot be given beside a run, which has its own")
+    refuse_given(own, "cannot be combined with a run, because the run has its own")
     if not folder.is_dir():
         raise click.UsageError(
-            f"there is no run {folder}; a task or a domain file is given as --domain {folder}"
+            f"there is no run {folder}; for a task or a domain file, write --domain {folder}"
         )
     return open_run(folder)
 
@@ -209,6 +209,6 @@ def _planner_of(run: Run, domain: Domain) -> ChosenPlanner:
     agent = run.agent
     model = agent.arbiter.model
     if domain.model.fluents != model.fluents:
-        raise SerpError("--state sets a value that the problem file of the run fixes")
+        raise SerpError("--state sets a value that is fixed by the problem file of the run")
     settings, name = agent.settings.planner, "The planner of the run"
     return ChosenPlanner(agent.arbiter.planner, model, settings, name, agent.undisturbed)

@@ -33,7 +33,7 @@ from serp.ui.output import show
 @own_task_option
 @problem_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
-              help="Where it begins, if not as :init says; may be repeated.")  # fmt: skip
+              help="Initial values that differ from :init; may be repeated.")  # fmt: skip
 @click.option("--failure", type=float, default=0.0, metavar="P",
               help="Probability that an action does nothing.")  # fmt: skip
 @click.option("--slip", type=float, default=0.0, metavar="P",
@@ -43,7 +43,7 @@ from serp.ui.output import show
 @seed_option("Seed of the disturbances.")
 @dt_option
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="Who is asked by `?` and `p`.  [default: that of the preset]")  # fmt: skip
+                what="Planner of `?` and `p`.  [default: that of the preset]")  # fmt: skip
 @settings_option
 def play(
     name: str,
@@ -57,12 +57,12 @@ def play(
     """Step through the world of a domain file.
 
     Neither an environment nor Python is needed. Each step shows what changed, and by which line of
-    the file. A line is a command: the number or name of an action; `?` asks the planner, `p`
-    lets it act, `u` undoes a step, `h` shows all commands. On a terminal an empty line repeats the
-    last one.
+    the file. To act, enter the number or name of an action. `?` asks the planner, `p` lets the
+    planner act, `u` undoes a step, and `h` shows all commands. On a terminal, an empty line repeats
+    the last command.
 
-    The planner knows the file. The world may slip and be noisy beside that, so that you see what
-    a plan and its vetoes stand.
+    --failure, --slip and --noise add disturbances that the planner does not know, so you see
+    whether its plans still work.
 
     `serp plan-and-learn --domain FILE` lets a learner practise in this world.
     """
@@ -78,8 +78,8 @@ def play(
     refuse_unknown_names(resolved, task)
     if not assignments and (domain.problem_syntax is None or not domain.problem_syntax.has_init):
         show(
-            f"{domain.source.name} has no problem with an :init: numbers begin at 0, and all else "
-            "is false. --state FLUENT=VALUE,... changes that."
+            f"{domain.source.name}: no problem file gives an `:init`, so numbers begin at 0 and "
+            "everything else is false. Change this with --state FLUENT=VALUE,..."
         )
     begun = parse_state(assignments, domain)
     game = Game(

@@ -36,13 +36,11 @@ if TYPE_CHECKING:
 )
 @run_argument
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
-              help="The step of the run, as in decisions.csv, or of the --episode; both count "
-                   "from 0.  [default: the most telling one]")  # fmt: skip
-@click.option(
-    "--episode", type=click.IntRange(min=1), metavar="E", help="The episode; the first is 1."
-)
+              help="The step of the run, as in decisions.csv, or of the --episode, from 0.  "
+                   "[default: the most informative step]")  # fmt: skip
+@click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
 @click.option("--evaluation", metavar="NAME",
-              help="A step of an evaluation, such as serp-seed0, instead of the training.",
+              help="Explain a step of this evaluation (such as serp-seed0), not of the training.",
               )  # fmt: skip
 @json_option
 def why(
@@ -50,17 +48,19 @@ def why(
 ) -> None:
     """Explain a step of RUN, a folder of plan-and-learn.
 
-    It shows who acted and why, the state, every action with its value, risk and reward, the lines
-    of the domain file behind them, what was predicted and observed, and which change of the state
-    would have led to another action. Without --step it explains the last refused proposal that
-    was applicable, else the last unsafe step, else the last refused proposal, else the last step.
+    The command shows who acted and why, and the state. It shows the value, risk and reward of every
+    action, with the lines of the domain file behind them. It compares what was predicted and
+    observed, and shows which change of the state would have led to another action.
+
+    If --step is not given, the command explains the last refused proposal that was applicable, else
+    the last unsafe step, else the last refused proposal, else the last step.
     """
     from serp.runs.oscillation import oscillation
     from serp.runs.run import Run
     from serp.runs.step_account import account_of_step, most_telling
 
     if episode is not None and step is None:
-        raise click.UsageError("give --step beside --episode")
+        raise click.UsageError("--episode needs --step")
     read, because = Run(run), ""
     with working(f"planning a step of {run} again"):
         recording = read.recording(evaluation)
@@ -86,7 +86,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     because = f": {because}" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
     file = run.domain.source.name
-    show(f"Steps count from 0, episodes from 1; lines are those of {file} in the run.", style="dim")
+    show(f"Steps count from 0, episodes from 1. Lines refer to {file} in the run.", style="dim")
     for line in [*who_acted(account), ""]:
         show(line)
     refused = account.proposed if account.step.decision.vetoed else ""
@@ -94,7 +94,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     if account.ahead_by:
         show(f"Later steps were planned again with {account.ahead_by}.")
     else:
-        show("Later steps are not shown: the model has changed since and plans differently.")
+        show("Later steps are not shown, because the model of that time has changed since.")
     differences = what_would_differ(account)
     for line in ["", *what_came(account), *([""] if differences else []), *differences]:
         show(line)
@@ -109,22 +109,22 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
 @run_argument
 @click.argument("others", type=click.Path(path_type=Path), nargs=-1, metavar="[RUN2]...")
 @click.option("-o", "--out", type=OutputFile(".html"), metavar="FILE.html",
-              help="The file.  [default: report.html in RUN]")  # fmt: skip
+              help="The file to write.  [default: report.html in RUN]")  # fmt: skip
 @click.option("--evaluation", metavar="NAME",
               help="Show the steps of this recorded evaluation.  [default: of the training]",
               )  # fmt: skip
 @click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
-              help="Most steps in the file.")  # fmt: skip
+              help="Largest number of steps.")  # fmt: skip
 @click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
-              metavar="N", help="Most pictures of the scene; at most 6 MB.")  # fmt: skip
+              metavar="N", help="Largest number of pictures (at most 6 MB).")  # fmt: skip
 def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Write RUN, a folder of plan-and-learn, as one HTML file.
 
-    A first page without pictures is written after a few seconds; the whole page replaces it. The
-    mean returns of further runs are drawn in the chart of RUN.
+    A page without pictures is written after a few seconds, and later replaced by the whole page.
+    The mean returns of further runs are drawn in the chart of RUN.
 
-    The page shows curves, refusals and every recorded step: its scene, its state, its alternatives
-    and the lines of the file behind the executed and the refused action.
+    The page shows curves, refusals and every recorded step. For a step it shows scene, state,
+    actions, and the lines of the file behind the executed and the refused action.
     """
     from serp.runs.run import Run
     from serp.ui.report.report import write_report
@@ -154,10 +154,10 @@ def _print_size(path: Path) -> None:
 def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) -> None:
     """Measure a policy of RUN, a folder of plan-and-learn.
 
-    Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
-    95 % confidence (Student's t); the spread is what single episodes differ by.
+    The return is the sum of the environment's rewards. The interval contains the mean of all
+    episodes with 95 % confidence (Student's t). The spread says how much single episodes differ.
 
-    The steps are recorded in RUN, so that `serp why RUN --evaluation POLICY-seedN` explains them.
+    The steps are recorded in RUN; `serp why RUN --evaluation POLICY-seedN` explains them.
     """
     from serp.agent.agent import account_of
 
@@ -170,10 +170,10 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
     show(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
     show(f"Measured policy: {result['meaning']}.")
     steps = sum(result["lengths"])
-    unsafe = f"{plural(result['unsafe_executed'], 'action')} executed that the domain file flags"
+    unsafe = f"The file flagged {plural(result['unsafe_executed'], 'executed action')}"
     if result["avoidable_unsafe"]:
-        unsafe += f", {result['avoidable_unsafe']:,} of them while another one was not flagged"
-    unsafe += f"; {plural(result['unsafe_observed'], 'step')} observed unsafe, predicted or not"
+        unsafe += f", {result['avoidable_unsafe']:,} of them while another action was not flagged"
+    unsafe += f". {result['unsafe_observed']:,} of {steps:,} steps were observed unsafe"
     interval = ""
     if result["confidence_interval"] is not None:
         low, high = map(readable, result["confidence_interval"])
@@ -183,7 +183,7 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
                    f"{readable(result['max'])}, median {readable(result['median'])}"),
         ("terminated", f"{result['terminated']} of {episodes} episodes"),
-        ("unsafe", f"{unsafe}; {plural(steps, 'step')} in all"),
+        ("unsafe", unsafe),
         ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
     ]  # fmt: skip
     print_table(("", ""), rows)
@@ -197,19 +197,19 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
     """Print what `serp.agent.agent.account_of` and `sight_of` return."""
     rows = [("trained policy", account["trained_policy"])]
     if account["evidence"] is not None:
-        told = "from the training, newer episodes weighted more: "
+        told = "from the training (newer episodes have more weight): "
         rows.append(("evidence", told + account["evidence"]["sentence"]))
     if sight["safety_alone"] is not None:
         share = {name: percent(share or 0.0) for name, share in sight.items()}
         parts = []
         if sight["saw_all"] is not None:
             parts.append(
-                f"complete in {share['saw_all']} of the plans, continued by values of cells in "
-                f"{share['by_cells']}, stopped by a budget in {share['cut_short']}; all plans of "
-                f"equal value in {share['indifferent']}"
+                f"{share['saw_all']} of the plans saw everything, {share['by_cells']} ended with "
+                f"values of cells, and a budget stopped {share['cut_short']}. In "
+                f"{share['indifferent']}, all actions had the same value"
             )
             if sight["mean_depth"] is not None:
-                parts[0] += f"; mean depth if not complete: {readable(sight['mean_depth'])} steps"
+                parts.append(f"Other plans saw {readable(sight['mean_depth'])} steps on average")
         if sight["safety_alone"]:
             parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
         rows.append(("lookahead", ". ".join(parts)))
@@ -233,16 +233,16 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
 @policy_option
 @click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
               help="Episodes to show.")  # fmt: skip
-@seed_option("Seed of the environment; `serp evaluate` has the same episodes.")
+@seed_option("Seed of the environment; with the same seed, `serp evaluate` has the same episodes.")
 @click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
-              help="The film.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
+              help="The film to write.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
 def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:
     """Film a policy of RUN, a folder of plan-and-learn.
 
-    Below the picture stands who acts and what is done; in red what was refused, and why in the
-    words of the domain file. No screen is needed; on a terminal a film without --out is opened by
-    the program for its kind. The steps are recorded in RUN as those of an evaluation, for
-    `serp why`.
+    Text below the picture says who acts and which action is executed. Refused actions are red, with
+    the reason in the words of the domain file. No screen is needed. On a terminal, a film without
+    --out is opened in the default player. The steps are recorded in RUN, so `serp why` explains
+    them.
     """
     with needs_extra("watch", "watching a policy"):
         from serp.ui.pictures.film import write_film
@@ -261,10 +261,10 @@ def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None)
 def export(run: Path, out: Path) -> None:
     """Export the policy of RUN, a folder of plan-and-learn, to FOLDER.
 
-    FOLDER holds the domain file and what the agent has learned. A robot with serp decides by it,
-    without the environment of the task.
+    FOLDER contains the domain file and what the agent has learned. With it, a robot that has serp
+    makes decisions without the environment of the task.
     """
     from serp.runs.policy import export_policy
 
     export_policy(open_run(run), out)
-    say(f"{out} holds the policy. On the robot: serp.Policy({str(out)!r}).decide(observation)")
+    say(f"{out} holds the policy. The robot calls serp.Policy({str(out)!r}).decide(observation)")

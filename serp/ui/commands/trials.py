@@ -40,7 +40,7 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
         own_task_option,
         click.option("--seeds", metavar="N|A-B|A,B",
                      callback=lambda ctx, parameter, value: _parse_seeds(value),
-                     help=f"How many seeds from {seeds.start} on, or the seeds themselves.  "
+                     help=f"Number of seeds, from {seeds.start} on, or the seeds themselves.  "
                           f"[default: {len(seeds)}]"),
         click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
                      help="Budget of each training."),
@@ -54,7 +54,7 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      help="What runs the trainings: processes of this machine, or a cluster."),
         click.option("--address", metavar="ADDRESS",
                      help="The cluster of the engine.  [default: the engine starts workers here]"),
-        click.option("--quiet", is_flag=True, help="No display; print the result alone."),
+        click.option("--quiet", is_flag=True, help="Print only the result."),
     )  # fmt: skip
     return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
 
@@ -83,20 +83,19 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
     "serp compare --domain soccer --out runs/soccer --seeds 100 --engine ray --address auto",
 )
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
-              help="Algorithms to compare; the first is the reference. NAME:SECTION.NAME=VALUE is "
-                   "one with a setting changed, NAME@FILE one with another domain file. May be "
-                   "repeated.  "
+              help="Algorithms to compare; the first is the reference. NAME:SECTION.NAME=VALUE "
+                   "changes a setting, NAME@FILE uses another domain file. May be repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
 @click.option("--baseline", metavar="FILE.py:FUNCTION",
-              help="A controller of your own to compare with: a function from the values of the "
-                   "fluents to the name of an action.")  # fmt: skip
+              help="Also compare your own controller: a function that takes the values of the "
+                   "fluents and returns the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
               help="Evaluate the learner alone every N env steps.  "
                    "[default: budget/10]")  # fmt: skip
 @click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
-              help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
+              help="Episodes of each evaluation of the learner alone.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
               help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
 @_trials_options(seeds=range(5), folder="compare")
@@ -104,8 +103,8 @@ def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> 
     """Compare algorithms on one task, with the same budget and seeds.
 
     --set changes all of serp's algorithms, unless an algorithm sets that setting itself. Each trial
-    is a run folder. With the same --out, missing trials run, and trials that Ctrl-C, SIGTERM or
-    SIGHUP stopped (exit status 130, 143, 129) continue.
+    is a run folder. Ctrl-C, SIGTERM or SIGHUP stops (exit status 130, 143, 129). If you repeat the
+    command with the same --out, stopped trials continue, and missing trials run.
     """
     from serp.runs.comparison import compare as comparing
 
@@ -134,10 +133,10 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
         show(line)
     print_next(
         (str(path / "report.html"), "the whole comparison on one page"),
-        (str(path / "measures.csv"), "all measures, a row a trial; overview.tex for LaTeX"),
+        (str(path / "measures.csv"), "all measures, one row per trial; overview.tex is for LaTeX"),
         (str(path / "figures" / "training.png"), "the training returns as a picture"),
-        (str(path / "trials"), "a run folder a trial, for serp why, report and evaluate"),
-        (more, "more seeds; what is there is kept"),
+        (str(path / "trials"), "one run folder per trial, for serp why, report and evaluate"),
+        (more, "add more seeds; finished trials are kept"),
     )
 
 
@@ -146,23 +145,23 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     "serp tune --domain soccer --vary 'learner.hidden=[64,64],[128,128]' --out runs/tuned",
 )
 @click.option("--vary", multiple=True, required=True, metavar="SECTION.NAME=VALUES",
-              help="A setting and its values: a range (2..7, log:1e-4..1e-2), or values "
-                   "(true,false). May be repeated.")  # fmt: skip
+              help="A setting with a range (2..7, log:1e-4..1e-2) or with values (true,false). "
+                   "May be repeated.")  # fmt: skip
 @click.option("--algorithm", metavar="NAME", default="serp", show_default=True,
               help="One of serp's algorithms.")  # fmt: skip
 @click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",
               show_default=True,
-              help="Area under the training curve, or return of the trained "
-                   "policy.")  # fmt: skip
+              help="What is maximized: the area under the training curve, or the return of the "
+                   "trained policy.")  # fmt: skip
 @click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
-              help="Trials of the study in all.")  # fmt: skip
+              help="Total number of trials.")  # fmt: skip
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Search settings by the returns of whole trainings.
+    """Search for better settings by running whole trainings.
 
-    With the same --out the study goes on. By default, tuning uses other seeds than
-    `serp compare`, so comparisons do not reuse them.
+    If you repeat the command with the same --out, the study continues. By default, the seeds differ
+    from those of `serp compare`, so a comparison tests the settings on new seeds.
     """
     from serp.runs import tuning
 
@@ -188,10 +187,11 @@ def _text(value: Any) -> str:
 def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: str | None) -> None:
     compared = f"{algorithm}:{';'.join(assignments)},{algorithm}"
     compare = again("compare", "--algorithms", compared, "--seeds", "10", domain=domain)
-    show(f"\nBest of {tuned.trials} trials: {readable(tuned.value)}.")
+    show(f"\nThe best of {tuned.trials} trials reached {readable(tuned.value)}.")
     if tuned.gain is not None:
         gain, error = tuned.gain
-        show(f"The settings as they were: {readable(tuned.before)}. Gain: {measured(gain, error)}.")
+        before = readable(tuned.before)
+        show(f"The original settings reached {before}. The gain is {measured(gain, error)}.")
         if math.isnan(error):
             show("One seed does not show the noise; give more with --seeds.")
         elif gain <= 2 * error:
@@ -199,6 +199,6 @@ def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: s
     show()
     print_table(("", ""), [(text, "") for text in assignments])
     print_next(
-        (compare, "whether they are better, with other seeds"),
-        (f"optuna-dashboard {tuned.path / 'study.log'}", "the study in a browser"),
+        (compare, "compare them with the original settings, on other seeds"),
+        (f"optuna-dashboard {tuned.path / 'study.log'}", "show the study in a browser"),
     )

@@ -49,8 +49,8 @@ class Camera:
         array = np.asarray(picture)
         if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
             raise self._failure(
-                f"render returned {type(picture).__name__} {array.shape} of {array.dtype}; a "
-                "picture is uint8 of shape (height, width, 3)"
+                f"render returned {type(picture).__name__} {array.shape} of {array.dtype}; "
+                "expected uint8 of shape (height, width, 3)"
             )
         return array
 

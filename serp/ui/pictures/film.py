@@ -43,7 +43,7 @@ def render_mode_of(run: Run) -> str:
                 return mode
         raise TaskError(
             f"task {task.name}: the environment draws no pictures; it needs the render mode "
-            f"`rgb_array`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
+            f"`rgb_array`, but metadata['render_modes'] lists {', '.join(modes) or 'none'}"
         )
 
 

@@ -46,13 +46,13 @@ def drawn_scenes(
     `seed_of` returns the seed of an episode, by its number from 0.
     """
     scenes, room = DrawnScenes(), 4_500_000  # bytes
-    why = "Not drawn, to keep the file small and the wait short; --pictures draws more."
+    why = "The episode is not drawn, to keep the file small; --pictures draws more."
     try:
         for episode, picture in _pictures(run, steps, seed_of) if most else ():
             if picture is None:
                 scenes.notes[episode.number] = (
-                    "Not drawn from here: executed again with the same seed and the same actions, "
-                    "the environment gives another state than the one recorded."
+                    "The rest is not drawn: when the same actions were repeated with the same "
+                    "seed, the environment gave another state than the recorded one."
                 )
                 continue
             first, count = scenes.frames.get(episode.number, (len(scenes.pictures), 0))

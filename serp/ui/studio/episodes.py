@@ -66,7 +66,7 @@ def play(
         bound, note = _drawable(dataclasses.replace(task, domain=domain, problem=None))
     elif domain.problem_syntax is None or not domain.problem_syntax.has_init:
         raise DomainError(
-            "an episode in the world of a file begins in the :init of a problem, and there is none",
+            "an episode in the world of a file needs the :init of a problem, but none was found",
             domain.syntax.place,
         )
     else:

@@ -162,7 +162,7 @@ def view_of(
     findings: tuple[Finding, ...] = ()
     size = sum(len(text) for _, text in version)
     if size > MOST_CHARACTERS:
-        return View(version, findings, f"Too large to be examined while it is edited ({size:,} of "
+        return View(version, findings, f"This file is too large to be checked here ({size:,} of "
                     f"{MOST_CHARACTERS:,} characters). Save it, and use `serp check`.")  # fmt: skip
     try:
         findings, planner = read(version, surroundings)

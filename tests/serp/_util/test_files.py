@@ -92,7 +92,10 @@ def test_a_file_is_replaced_and_nothing_else_is_changed_or_left(tmp_path):
     assert path.lstat().st_mode & 0o777 == 0o640
     assert target.read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["target", "x"]
-    with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. There was no"):
+    with pytest.raises(
+        RunError,
+        match=r"summary\.json: No such file or directory\. summary.json did not exist before",
+    ):
         write_durably(tmp_path / "gone" / "summary.json", "x")
 
 

@@ -135,7 +135,7 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
     assert all(cause.what != "unsafe" for cause in played.brought)
     text = written[0].read_text()
     for name, env, said in (
-        ("rail", None, "rail.scenarios already there"),
+        ("rail", None, "these exist: .*rail.scenarios"),
         ("Rail", None, "small letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),

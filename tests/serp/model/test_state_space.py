@@ -33,7 +33,7 @@ def test_states_by_name_and_actions_by_name_or_position(small):
     [
         ({"heat": 1.0}, "no value for fluent `lit`; values are given for `heat`"),
         ({"heat": 1.0, "lit": True, "het": 2.0}, "did you mean `heat`"),
-        ({"heat": 1.0, "lit": True, "cost": 2.0}, "`cost` is fixed by the problem file"),
+        ({"heat": 1.0, "lit": True, "cost": 2.0}, "`cost` is fixed, because `:init` gives"),
         ({"heat": 1.0, "lit": 0.5}, "`lit` must be 0 or 1, not 0.5"),
     ],
 )
@@ -60,7 +60,7 @@ def test_arrays_that_are_no_states_are_refused(small, state, says):
     [
         (np.zeros(2), "warn", "did you mean `warm`"),
         (np.zeros(2), 2, "action 2"),
-        (np.zeros((2, 2)), [0, 2], "actions must be in 0 ... 1"),
+        (np.zeros((2, 2)), [0, 2], "actions must be from 0 to 1"),
         (np.zeros((2, 2)), [0, 1, 0], "2 positions"),
         (np.zeros((2, 3)), 0, "found 3 columns"),
         (np.full(2, np.nan), 0, "must not contain NaN or infinity"),

@@ -32,7 +32,7 @@ SLIPS = [
     (EFFECT, "(when (near) (held) (unsafe))", "(when (near) (and (held) (unsafe)))",
      "put several under `and`"),
     ("(and (held) (not (near)))", "((held) (not (near)))", "(and (held) (not (near)))",
-     "effects stand in a list without `and`"),
+     "effects are listed without `and`"),
     # Numbers
     (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
     (EFFECT, "(increase (x) (^ (speed) 2))", None, "write a product"),
@@ -41,7 +41,7 @@ SLIPS = [
     (CONDITION, "(x < speed + 1)", "(< (x) (+ (speed) 1))", "the operator comes first"),
     (CONDITION, "(not held)", "(not (held))", "a condition in parentheses, found `held`"),
     (CONDITION, "(when (near) (held))", "(imply (near) (held))", "`when` is not supported"),
-    (BOTH, "(annd (near) (< (x) 9.5))", BOTH, "`annd` is no word of PDDL"),
+    (BOTH, "(annd (near) (< (x) 9.5))", BOTH, "`annd` is not a PDDL keyword"),
     (BOTH, "(forall (?r - object) (near) (held))", "(forall (?r - object) (and (near) (held)))",
      "put several under `and`"),
     # Fields

@@ -32,7 +32,7 @@ def test_a_schema_stands_for_all_its_instances_and_names_may_be_written_as_in_pd
     [
         ({"move": 0, "rest": 1}, "no environment action for `drill`"),
         ({"rest": 1}, r"and \d more"),
-        ({"move": 0, "rest": 1, "drill": 3}, r"`drill` is mapped to 3.* 0 \.\.\. 2"),
+        ({"move": 0, "rest": 1, "drill": 3}, r"`drill` is mapped to 3.* 0 to 2"),
         ({"move": 0, "rest": 1, "drill": -1}, "mapped to -1"),
         ({"move": 0, "rest": 1, "drill": "2"}, "mapped to '2'"),
         ({"move": 0, "rest": 1, "dril": 2}, "no action `dril`; did you mean `drill`"),
@@ -45,7 +45,7 @@ def test_a_map_that_does_not_fit_is_refused(mapping, said):
 
 
 def test_more_ground_actions_than_the_environment_has_need_a_map():
-    with pytest.raises(TaskError, match=f"{len(NAMES)} ground actions, the environment 2"):
+    with pytest.raises(TaskError, match=f"{len(NAMES)} ground actions, but the environment has 2"):
         ActionMap(MODEL, 2)
 
 

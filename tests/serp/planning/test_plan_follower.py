@@ -99,7 +99,7 @@ def test_a_follower_continues_as_saved():
     assert drive(other, [True] * 6, ferry().initial_state) == list(WAY)  # another episode
     assert other.searches == 1
     arrays, meta = planner.state_dict()
-    with pytest.raises(RunError, match="plan has entries"):
+    with pytest.raises(RunError, match="plan has values"):
         other.load_state_dict(arrays | {"plan": arrays["plan"] + 99}, meta)
 
 

@@ -21,4 +21,4 @@ def test_only_a_cycle_of_two_states_is_reported(tmp_path, name):
     run = train(task, tmp_path / "run", episodes=5)
     told = oscillation(run, run.recording())
     assert (told is not None) == (name == "dithering")
-    assert told is None or "by `left` and `right`" in told or "by `right` and `left`" in told
+    assert told is None or "with `left` and `right`" in told or "with `right` and `left`" in told

@@ -107,7 +107,7 @@ def test_a_recording_that_goes_on_from_a_step_is_the_one_that_never_stopped(at, 
     assert content(record(part, steps, at)) == whole
     with pytest.raises(RunError, match="does not hold the 24 steps"):
         Recorder(part, LAYOUT, COUNT + 1)
-    with pytest.raises(RunError, match="not of this run"):
+    with pytest.raises(RunError, match="does not belong to this run"):
         Recorder(part, LAYOUT.model_copy(update={"fluents": ("z",)}), 1)
 
 

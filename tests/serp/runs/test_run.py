@@ -72,7 +72,7 @@ def test_a_run_is_an_option_that_ends_where_its_file_does(tmp_path):
     assert lengths[:6] == lengths[6:]
     assert controls[: sum(lengths[:6])] == controls[sum(lengths[:6]) :]
     told = corridor(tmp_path, Plain, ground=lambda seen, info: {"x": seen[0]})
-    with pytest.raises(RunError, match="takes info; an option gets observations only"):
+    with pytest.raises(RunError, match="takes info, but an option gets only observations"):
         train(told, tmp_path / "told", episodes=1).option(steps=2)
 
 
@@ -117,7 +117,7 @@ def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path, name, old
     before = file.read_text(encoding="utf-8")
     assert old in before
     file.write_text(before.replace(old, new), encoding="utf-8")
-    said = f"{name} of the run was changed since it began"
+    said = f"{name} of the run was changed after the run began"
     with pytest.raises(RunError, match=said):
         resume(corridor(tmp_path), file.parent, episodes=3)
     with pytest.raises(RunError, match=said):

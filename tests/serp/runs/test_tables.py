@@ -93,7 +93,9 @@ def test_a_table_that_was_changed_since_is_refused(tmp_path):
     path = tmp_path / "t"
     write(path, [(step, "x", None) for step in range(3)])
     whole = path.read_bytes()
-    with pytest.raises(RunError, match=r"t:1: has other columns than this serp writes \(a, d\)"):
+    with pytest.raises(
+        RunError, match=r"t:1: the columns are not those of this version of serp \(a, d\)"
+    ):
         write(path, [], columns=("a", "d"))
     assert path.read_bytes() == whole
 

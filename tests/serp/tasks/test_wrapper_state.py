@@ -79,9 +79,15 @@ class Wider(Found):
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (Found, "`obs_rms`, this one has none"),
-        (lambda: wrappers.NormalizeObservation(Corridor()), "0 layers with a state_dict.*one 1"),
-        (lambda: wrappers.NormalizeObservation(Wider()), r"shape \(3,\), the saved one \(2,\)"),
+        (Found, "only the saved environment has a wrapper with `obs_rms`"),
+        (
+            lambda: wrappers.NormalizeObservation(Corridor()),
+            "0 wrappers with a state_dict.*one has 1",
+        ),
+        (
+            lambda: wrappers.NormalizeObservation(Wider()),
+            r"shape \(3,\), but the saved array has \(2,\)",
+        ),
     ],
 )
 def test_other_layers_than_the_saved_ones_are_refused(make, said):

@@ -43,18 +43,18 @@ def test_about_a_number_are_those_that_round_to_it(number, places):
     [
         ("(heatt) = 1", 3, "there is no `(heatt)`\n.*\n.*\n  did you mean `heat`?"),
         ("(heat) 1", 10, "expected `=`, found `1`"),
-        ("heat = 1", 3, "neither a situation nor an expectation\n.*\n.*\n.*: `(heat) = 1`"),
+        ("heat = 1", 3, "expectation begins with `heat`\n.*\n.*\n.*: `(heat) = 1`"),
         ("(lit hall) = 1", 3, "true or false\n.*\n.*\n  write\n.*(lit hall)"),
         ("not (heat)", 3, "is a number"),
-        ("(unsafe)", 3, "starts afresh in every step"),
+        ("(unsafe)", 3, "every step resets it"),
         ("like another", 3, "there is no scenario `another` above"),
         ("like step 3 of", 17, "expected the folder of a run"),
         ("chooses wat", 11, "there is no action `wat`\n.*\n.*\n  did you mean `wait`?"),
-        ("refuses wait as unsafe", 11, "the action is `wait`; a reason follows `because`"),
-        ("refuses wait because dull", 24, "no reason to refuse"),
+        ("refuses wait as unsafe", 11, "write `because` before a reason"),
+        ("refuses wait because dull", 24, "not a reason"),
         ("value of wait is 3", 20, "expected `about`, `at least` or `at most`, found `3`"),
         ("after 0 steps (heat) is about 1", 9, "write 1 to 10,000 steps"),
-        ("is indifferent now", 18, "more than this line can say"),
+        ("is indifferent now", 18, "does not belong to this expectation"),
     ],
 )
 def test_what_is_wrong_in_a_line_is_located(line, column, problem):
@@ -74,14 +74,14 @@ def test_all_that_is_wrong_is_told_at_once_and_nothing_that_follows_from_it():
     messages = (str(told.value), *told.value.__notes__)
     wrong = {
         "1:1": "before the first scenario",
-        "2:1": "has a title",
+        "2:1": "has no title",
         "3:10": "no action `wit`",
         "5:3": "did you mean `chooses`",
         "8:9": "expected `=`",
-        "10:1": "nothing is expected",
+        "10:1": "has no expectation",
         "11:1": "two scenarios",
-        "13:3": "the situation comes before",
-        "16:3": "comes first",
+        "13:3": "this line describes the situation",
+        "16:3": "must be the first line",
     }
     for message, (place, problem) in zip(messages, wrong.items(), strict=True):
         assert message.startswith(f"lamp.scenarios:{place}: ") and problem in message

@@ -63,7 +63,7 @@ def test_counted_outcomes_are_named():
 def test_a_model_that_does_not_adapt_says_so():
     of = adaptation(PLANE, mode="off")
     assert not of.adoption.adapts and not of.adoption.in_use and not of.adoption.fluents
-    assert str(of.adoption) == "as written; nothing is learned beside the file"
+    assert str(of.adoption) == "as written; nothing is learned"
 
 
 def test_corrections_of_reward_and_end_are_printed_with_their_errors(capsys):

@@ -126,7 +126,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     with pytest.raises(RunError) as failure:
         small(walk(tmp_path, Pothole), tmp_path / "c", report=True)
     message = str(failure.value)
-    assert message.startswith("2 of 4 trials failed; the first, serp, seed 1: ")
+    assert message.startswith("2 of 4 trials failed; the first one, serp, seed 1: ")
     assert "cable cut" in message and str(tmp_path / "c") in message
     report = (tmp_path / "c" / "report.html").read_text()
     assert "not complete: 2 of 4 trials are finished" in report and "serp, seed 1" in report
@@ -190,7 +190,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
         ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
-        ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, the environment 4"),
+        ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, but the environment has 4"),
         ({"out": 3}, SettingsError, "compare.out"),
         ({"out": "a"}, RunError, "a is not empty"),
     ],

@@ -33,7 +33,7 @@ def test_a_report_can_be_read_alone(whole):
         "What was compared",
         "What differs in the algorithms",
         "All results",
-        "Differences to serp",
+        "Differences from serp",
         "Definitions",
     ]
     assert re.findall("<summary>(.*)</summary>", page) == headings

@@ -138,7 +138,7 @@ def test_a_masked_one_is_evaluated_within_the_masks(tmp_path, external):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("lazy", "`lazy` made 120 env steps of 130 and ended"),
+        ("lazy", "`lazy` ended after 120 of 130 env steps"),
         ("faulty", "`faulty` failed: ValueError: expected scalar type"),
         ("absent", "^it needs more memory than there is"),
     ],

@@ -71,7 +71,7 @@ def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monk
     text = robot.read_text()
     robot.write_text("raise SystemExit('executed')\n" + text)
     told = run("evaluate", "one", "--episodes=1", expect=1).stderr
-    assert "which you have not run, or which has changed" in told
+    assert "You have not run this file yet, or it has changed" in told
     assert f"add --task {robot.resolve()}" in told
     robot.write_text(text)
     run("evaluate", "one", "--episodes=1")
@@ -96,4 +96,4 @@ def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run
     assert "serp plan-and-learn --resume runs/one\n" in told
     Path("my_broken.py").write_text(ROBOT)
     told = run("plan-and-learn", "--resume=runs/one", expect=1).stderr
-    assert "my_broken.py, which you have not run, or which has changed" in told
+    assert "You have not run this file yet" in told

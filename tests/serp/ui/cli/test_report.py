@@ -108,7 +108,7 @@ def test_an_evaluation_is_drawn_by_its_recorded_seed(run, trained, tmp_path):
 
     assert pictures()[0] == 3
     assert "another state" in pictures(seed=4)[1]
-    assert "does not say which seed" in pictures(seed=None)[1]
+    assert "does not say its seed" in pictures(seed=None)[1]
 
 
 def test_a_damaged_evaluation_is_named(run, trained, tmp_path):

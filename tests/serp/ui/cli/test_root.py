@@ -92,7 +92,7 @@ def test_an_unknown_command_or_option_says_what_there_is(run):
         ("plan-and-learn --domain=cartpole --num-envs=2 --set=training.num_envs=3",
          "--set training.num_envs is given twice"),
         ("plan --domain=cartpole --svg=walk.pddl", "ends in .svg"),
-        ("why a --episode=1", "give --step"),
+        ("why a --episode=1", "--episode needs --step"),
     ],
 )  # fmt: skip
 def test_a_wrong_command_line_is_refused_before_anything_is_written(line, message, run, folder):

@@ -47,7 +47,7 @@ def test_a_view_says_what_the_planner_of_the_text_decides(session):
 def test_a_file_too_large_to_follow_typing_says_so_at_once(session):
     session.edit("domain", SWITCH + "(:action a :parameters () :effect (on))\n" * 30_000)
     view = session.asked()()
-    assert "Too large to be examined while it is edited" in view.failure and view.decision is None
+    assert "too large to be checked here" in view.failure and view.decision is None
 
 
 def test_nothing_is_written_over_or_outside_of_the_folder(tmp_path):
