@@ -67,7 +67,7 @@ GRAVITY: Final = 9.81
 """m/s²."""
 PACE: Final = 0.5
 """Speed of the person, m/s."""
-PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.1
+PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.15
 """A drive passes the person at this distance, m."""
 NOTICED: Final = 0.65
 """The person walks round a robot that is slower than this, m/s."""
