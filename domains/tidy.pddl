@@ -83,7 +83,7 @@
   (:event all-tidy :parameters ()
     :precondition (and (< (opening) 0.04) (forall (?t - thing) (or (tidy ?t) (lost ?t))))
     :effect (and (increase (reward) 1) (terminal)))
-  (:event low :parameters () :precondition (and (< (battery) 0.15))
-    :effect (and (decrease (reward) 1)))  ; time to charge
+  (:event low :parameters () :precondition (and (< (battery) 0.25))  ; time to charge
+    :effect (and (decrease (reward) (* 4 (- 0.25 (battery))))))
   (:event damage :parameters () :precondition (and (or (hit) (spilled) (<= (battery) 0)))
     :effect (and (decrease (reward) 100) (unsafe) (terminal))))

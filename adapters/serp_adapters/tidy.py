@@ -17,7 +17,7 @@ from serp_adapters.domains import domain_file
 if find_spec("mujoco") is None:
     raise MissingExtra("the tidying robot (`tidy`)", "mujoco")
 
-from serp_envs.tidy import FACING, MACROS, OBSERVED, PLACES, ROOM, TABLE, THINGS, Pose
+from serp_envs.tidy import MACROS, OBSERVED, PLACES, TABLE, THINGS, Pose, stands_at
 
 Numbers = NDArray[np.float64]
 
@@ -34,12 +34,8 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     seen: Numbers = np.asarray(observation, dtype=np.float64)
     number = {name: seen[..., k] for k, name in enumerate(OBSERVED)}
     x, y = number["x"], number["y"]
-    at = {}
-    for place, pose in PLACES.items():
-        facing = number["cos-heading"] * np.cos(pose.heading)
-        facing = facing + number["sin-heading"] * np.sin(pose.heading)
-        near_x, near_y = ROOM[place]
-        at[place] = (abs(x - pose.x) < near_x) & (abs(y - pose.y) < near_y) & (facing > FACING)
+    heading = number["cos-heading"], number["sin-heading"]
+    at = {place: stands_at(place, x, y, *heading) for place in PLACES}
     on_table, ahead = [], []
     for name in THINGS:
         rests = (number[f"z {name}"] > TABLE) & (number[f"x {name}"] < -2.15)
@@ -78,7 +74,7 @@ def task() -> serp.Task:
         actions={name: number for number, name in enumerate(MACROS)},
         # The file's are guesses.
         reward="environment",
-        # Slips and blocked ways come and go: planned with, they make the planner wait.
+        # Else each of 28 actions is tried four times, which costs the first episode.
         settings={"*": {"adaptation": {"mode": "off"}}},
         counters=("hit", "spilled", "empty", "dropped", "tidied"),
         description="clear a table into a drawer and a shelf, around a person",

@@ -22,6 +22,9 @@ struct Steps {
     const Flags* flags;        ///< [lanes]
     const double* numbers;     ///< of the first lane: next state [F] and reward
     std::ptrdiff_t row, lane;  ///< from a number to the next one of its lane; to that of the next lane
+    /// [lanes] probability of what the file says where a learned outcome is likelier, and [lanes, F + 1]
+    /// the state that it leads to; none where no lane has any.
+    const double *chances = nullptr, *written = nullptr;
 };
 
 /// Predicts steps of a model, with scratch memory of its own. Not thread-safe: one for each thread.

@@ -1,6 +1,7 @@
 #include "serp/model/written_model.hpp"
 
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/shared_ptr.h>
 
 #include <algorithm>
@@ -166,13 +167,17 @@ std::pair<Array<double>, Array<Flags>> step_batch(const Model& model, const Stat
     return {array_of(std::move(out), {batch, width + 1}), array_of(std::move(flags), {batch})};
 }
 
-/// Steps of all actions from states: next states and rewards [B, A, F + 1], and flags [B, A].
-std::pair<Array<double>, Array<Flags>> steps_of(const Model& model, const States& states) {
+/// Steps of all actions from states: next states and rewards [B, A, F + 1], flags [B, A], and of each
+/// the probability [B, A] of what the file says where something else is likelier, and that state
+/// [B, A, F + 1].
+std::tuple<Array<double>, Array<Flags>, Array<double>, Array<double>> steps_of(const Model& model,
+                                                                               const States& states) {
     const size_t batch = states.shape(0), width = static_cast<size_t>(model.fluents());
     const size_t actions = static_cast<size_t>(model.actions());
     if (states.shape(1) != width)
         throw std::invalid_argument("the shape of the states does not fit the model");
     std::vector<double> rows(batch * (width + 1)), out(batch * actions * (width + 1));
+    std::vector<double> chances(batch * actions), written(out.size());
     for (size_t k = 0; k < batch; ++k)
         std::copy_n(states.data() + k * width, width, rows.data() + k * (width + 1));
     std::vector<Flags> flags(batch * actions);
@@ -184,12 +189,17 @@ std::pair<Array<double>, Array<Flags>> steps_of(const Model& model, const States
             for (size_t action = 0; action < actions; ++action) {
                 const size_t to = state * actions + action, lane = action * steps.apart + k;
                 flags[to] = steps.flags[lane];
+                chances[to] = steps.chances ? steps.chances[lane] : 0.0;
+                if (chances[to] > 0.0)
+                    std::copy_n(steps.written + lane * steps.lane, width, &written[to * (width + 1)]);
                 for (size_t f = 0; f <= width; ++f)
                     out[to * (width + 1) + f] = steps.numbers[lane * steps.lane + f * steps.row];
             }
     }
     return {array_of(std::move(out), {batch, actions, width + 1}),
-            array_of(std::move(flags), {batch, actions})};
+            array_of(std::move(flags), {batch, actions}),
+            array_of(std::move(chances), {batch, actions}),
+            array_of(std::move(written), {batch, actions, width + 1})};
 }
 
 Array<double> outcomes_of(const Model& model, const State& state, std::int64_t action) {
@@ -275,7 +285,8 @@ void bind_model(nb::module_& module) {
         .def("step_batch", &step_batch, nb::arg("states"), nb::arg("actions"),
              "Return next states and rewards [B, F + 1], and the flags [B].")
         .def("steps", &steps_of, nb::arg("states"),
-             "Return next states and rewards [B, A, F + 1] of all actions, and the flags [B, A].")
+             "Return next states and rewards [B, A, F + 1] of all actions, the flags [B, A], and, where\n"
+             "something is likelier than what the file says, its probability [B, A] and that state.")
         .def("outcomes", &outcomes_of, nb::arg("state"), nb::arg("action"),
              "Return the outcomes of a step: next state, reward, flags and probability [n, F + 3].")
         .def("uncertainty", &uncertainty_of, nb::arg("state"),

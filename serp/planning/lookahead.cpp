@@ -128,8 +128,9 @@ int Lookahead::ways_on(int horizon, std::int64_t& followed, std::int64_t limit) 
 bool Lookahead::expand(int start, int end, int depth, const CellValues* leaves,
                              LookaheadForecast& found) {
     const bool last = depth + 1 == rules_.depth;
+    const int ways = model_.branches() ? 2 : 1;
     const int most = std::min<std::int64_t>(rules_.max_nodes,
-                                            std::int64_t{end - start} * actions_ + end);
+                                            std::int64_t{end - start} * actions_ * ways + end);
     const std::size_t rows = last ? end + 1 : most + 1;
     if (states_.size() < rows * (width_ + 1)) states_.resize(rows * (width_ + 1));
     const std::size_t edges = static_cast<std::size_t>(end) * actions_;
@@ -154,7 +155,8 @@ void Lookahead::follow(const Steps& steps, std::ptrdiff_t lane, int node, int ac
     const double risk = step_risk(steps.flags[lane], rules_.accepted);
     const Flags flags = marked(steps.flags[lane], risk);
     Edge& edge = edges_[static_cast<std::size_t>(node) * actions_ + action];
-    edge = {numbers[width_ * steps.row], risk, -1, static_cast<std::uint8_t>(flags & BITS),
+    const double chance = steps.chances ? steps.chances[lane] : 0.0;
+    edge = {numbers[width_ * steps.row], risk, chance, -1, -1, static_cast<std::uint8_t>(flags & BITS),
             static_cast<std::uint8_t>(rank_of(flags)),
             static_cast<std::uint16_t>(flags >> END_SHIFT)};
     if (depth == 0) {
@@ -163,14 +165,24 @@ void Lookahead::follow(const Steps& steps, std::ptrdiff_t lane, int node, int ac
     }
     if (!(flags & APPLICABLE)) return;
     ++found.followed;
-    if (flags & TERMINAL || (last && !leaves)) return;
-    const int position = std::min(stored_, rules_.max_nodes);
-    double* out = state_at(position);
-    for (int f = 0; f < width_; ++f) out[f] = numbers[f * steps.row];
-    if (!last)
-        edge.child = child_of(position);
-    else
-        edge.reward += rules_.discount * going_on(flags) * leaves->at(out);
+    found.followed += chance > 0.0;
+    if (last && !leaves) return;
+    double value = 0.0;
+    const auto lead_to = [&](const double* from, std::ptrdiff_t apart) {
+        const int position = std::min(stored_, rules_.max_nodes);
+        double* out = state_at(position);
+        for (int f = 0; f < width_; ++f) out[f] = from[f * apart];
+        if (!last) return child_of(position);
+        value = leaves->at(out);
+        return -1;
+    };
+    if (!(flags & TERMINAL)) edge.child = lead_to(numbers, steps.row);
+    double rest = value;
+    if (chance > 0.0) {
+        edge.written = lead_to(steps.written + lane * steps.lane, 1);
+        rest = (1.0 - chance) * rest + chance * value;
+    }
+    if (last) edge.reward += rules_.discount * going_on(flags) * rest;
 }
 
 /// Returns the node of the next layer with the state at a position, behind all nodes. It is a new one
@@ -184,6 +196,21 @@ int Lookahead::child_of(int position) {
         [this](int other) { return digest_of_row(state_at(other), width_); });
     if (node == position && ++stored_ > rules_.max_nodes) return -1;
     return node;
+}
+
+/// Returns the value of what follows an edge, discounted.
+///
+/// What the file says an action is for is followed beside a likelier outcome: a reduced model with two
+/// outcomes (Pineda & Zilberstein, ICAPS 2014). With the likeliest one alone, an action that fails more
+/// often than not would seem to be of no use, and would not be tried again.
+double Lookahead::value_after(const Edge& edge, int expanded) const {
+    const double weight = edge.end ? going_on(Flags{edge.end} << END_SHIFT) : 1.0;
+    const auto value = [&](int node) {
+        return 0 <= node && node < expanded ? paths_[node].value : 0.0;
+    };
+    double rest = value(edge.child);
+    if (edge.chance > 0.0) rest = (1.0 - edge.chance) * rest + edge.chance * value(edge.written);
+    return rules_.discount * weight * rest;
 }
 
 /// Finds the best path from a node of the first `expanded` ones, whose children are known. What is
@@ -203,10 +230,9 @@ void Lookahead::choose(int node, int expanded, FirstActions& first) {
             continue;
         }
         PathScore score{edge.rank, edge.risk, SAFE, edge.reward};
+        score.value += value_after(edge, expanded);
         if (0 <= edge.child && edge.child < expanded) {
             const Path& rest = paths_[edge.child];
-            const double weight = edge.end ? going_on(Flags{edge.end} << END_SHIFT) : 1.0;
-            score.value += rules_.discount * weight * rest.value;
             score.risk += (1.0 - score.risk) * rest.risk;
             score.steps = rest.steps == SAFE ? SAFE : rest.steps + 1;
         }

@@ -72,11 +72,13 @@ private:
     /// An edge from a node to the next layer.
     struct Edge {
         double reward, risk;
-        std::int32_t child;  ///< -1 for none
+        double chance;               ///< of what the file says, where something else is likelier
+        std::int32_t child, written;  ///< the nodes that likeliest and file lead to; -1 for none
         std::uint8_t flags, rank;
         std::uint16_t end;  ///< the learned chance that the task ends, as in `Flags`
     };
 
+    double value_after(const Edge& edge, int expanded) const;
     bool expand(int start, int end, int depth, const CellValues* leaves, LookaheadForecast& found);
     void follow(const Steps& steps, std::ptrdiff_t lane, int node, int action, int depth,
                 const CellValues* leaves, LookaheadForecast& found);

@@ -25,17 +25,17 @@ _WORTH = 500
 """Most edges of a search from which on threads save time; so many take about 0.1 ms."""
 
 
-def _most_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
+def _most_nodes(settings: PlannerSettings, actions: int, fluents: int, outcomes: int = 1) -> int:
     """Return the most nodes that a lookahead expands: the budget, or the whole tree if smaller.
 
-    Every node but the root has an edge that leads to it.
+    Every node but the root has an edge that leads to it, or to as many as an edge has outcomes.
     """
     by_edges = min(MAX_EDGES // max(1, actions), edge_budget(fluents) + 1)
     budget = max(1, min(settings.max_nodes, by_edges))
     tree, layer = 0, 1
     for _ in range(settings.depth):
         tree += layer
-        layer *= max(1, actions)
+        layer *= max(1, actions * outcomes)
         if tree >= budget:
             return budget
     return tree
@@ -75,8 +75,8 @@ class Lookahead:
         self.settings = settings or PlannerSettings()
         self.leaves: _core.CellValues | None = None
         self._width, actions = len(model.fluents), len(model.actions)
-        nodes = _most_nodes(self.settings, actions, self._width)
-        self.followed = self._most = nodes * actions
+        nodes = _most_nodes(self.settings, actions, self._width, outcomes=2)
+        self.followed = self._most = _most_nodes(self.settings, actions, self._width) * actions
         self._core = _core.Lookahead(
             model.core, self.settings.depth, self.settings.discount, self.settings.accepted_risk,
             nodes, edge_budget(self._width),

@@ -36,6 +36,8 @@ class Edge(NamedTuple):
         source, action, target: Positions of nodes and action.
         reward: Its reward.
         flags: Its flags, with RISKY where its risk is not accepted.
+        chance: Probability of what the file says, where something else is likelier; else 0.
+        written: The node that the file leads to then; -1 for none.
     """
 
     source: int
@@ -43,6 +45,8 @@ class Edge(NamedTuple):
     target: int
     reward: float
     flags: int
+    chance: float = 0.0
+    written: int = -1
 
 
 class PlanningGraph:
@@ -84,27 +88,30 @@ class PlanningGraph:
         count, width = len(self.model.actions), len(self.model.fluents)
         states = np.array([self.states[node] for node in nodes]).reshape(len(nodes), width)
         sources, actions = np.repeat(nodes, count), np.tile(np.arange(count), len(nodes))
-        out, flags = self.model.core.steps(states)
-        out, flags = out.reshape(-1, width + 1), flags.ravel()
+        out, flags, chances, written = self.model.core.steps(states)
+        out, flags, shares = out.reshape(-1, width + 1), flags.ravel(), chances.ravel().tolist()
         for k in np.flatnonzero(flags & APPLICABLE).tolist():
             *state, reward = out[k].tolist()
-            self._add(int(sources[k]), int(actions[k]), tuple(state), reward, int(flags[k]), layer,
-                      known)  # fmt: skip
+            bits, source, action = int(flags[k]), int(sources[k]), int(actions[k])
+            target, other = self._node(tuple(state), (bits & TERMINAL) != 0, layer, known), -1
+            if shares[k]:
+                doubted = written.reshape(-1, width + 1)[k, :-1].tolist()
+                other = self._node(tuple(doubted), False, layer, known)
+            marks = marked(bits, step_risk(bits, self.settings.accepted_risk))
+            edge = Edge(source, action, target, reward, marks, shares[k], other)
+            self._edges[source][action] = edge
 
-    def _add(
-        self, source: int, action: int, state: State, reward: float, flags: int, layer: int,
-        known: dict[tuple[State, bool], int],
-    ) -> None:  # fmt: skip
-        """Add an edge, and the node that it leads to unless it is known in this layer."""
-        ended, risk = (flags & TERMINAL) != 0, step_risk(flags, self.settings.accepted_risk)
-        target = known.setdefault((state, ended), len(self.states))
-        if target == len(self.states):
+    def _node(
+        self, state: State, ended: bool, layer: int, known: dict[tuple[State, bool], int]
+    ) -> int:
+        """Return the node of a state, added unless it is known in this layer."""
+        node = known.setdefault((state, ended), len(self.states))
+        if node == len(self.states):
             self.states.append(state)
             self._ended.append(ended)
             self._layer_of.append(layer)
             self._edges.append({})
-        marks = marked(flags, risk)
-        self._edges[source][action] = Edge(source, action, target, reward, marks)
+        return node
 
     @property
     def best_path(self) -> list[Edge]:
@@ -125,6 +132,7 @@ class PlanningGraph:
         Nodes are numbered from the root, 0. `state` is a tuple in the order of `graph["fluents"]`,
         `safe_steps` None for SAFE. The key of an edge is the position of its action; `unsafe` is
         by the file, `risky` says that `risk` is not accepted, `chosen` that the best path has it.
+        `chance` and `written` are those of `Edge`.
         """
         import networkx as nx
 
@@ -137,11 +145,11 @@ class PlanningGraph:
                 safe_steps=None if best.safe_steps == SAFE else best.safe_steps,
             )  # fmt: skip
         every = (edge for edges in self._edges for edge in edges.values())
-        for source, action, target, reward, flags in every:
+        for source, action, target, reward, flags, chance, written in every:
             graph.add_edge(
                 source, target, action, action=names[action], reward=reward,
                 unsafe=(flags & UNSAFE) != 0, risk=risk_of(flags), risky=(flags & RISKY) != 0,
-                chosen=False,
+                chosen=False, chance=chance, written=written,
             )  # fmt: skip
         for edge in self.best_path:
             graph.edges[edge.source, edge.target, edge.action]["chosen"] = True
@@ -245,6 +253,6 @@ class MonitorReplanner:
                 self.model.actions[action].name, reward, bool(flags & UNSAFE), risk_of(flags),
                 graph.states[target],
             )
-            for _, action, target, reward, flags in graph.best_path
+            for _, action, target, reward, flags, *_ in graph.best_path
         ]  # fmt: skip
         return Plan(tuple(path), graph.forecast, graph)

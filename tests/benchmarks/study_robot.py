@@ -23,7 +23,7 @@ from serp.settings import resolve
 from serp_adapters.tidy import ground, task
 from serp_envs.tidy import MACROS, THINGS
 
-WORN = 0.1
+WORN = 0.2
 """Share of its friction that the gripper loses in mid-run."""
 NAMES = list(MACROS)
 ORDER = ("bottle", "glass", "block", "can")

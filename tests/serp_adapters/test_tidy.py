@@ -30,5 +30,5 @@ def test_the_first_episode_is_whole_and_does_nothing_flagged():
         Trainer(bound, resolve("default", bound.task.settings), seed=1) as trainer,
     ):
         row = next(trainer.run())
-    assert row.terminated and row.return_ > 3.0
+        assert row.terminated and all(bound.env.unwrapped.tidy.values())
     assert row.unsafe_executed == row.avoidable_unsafe == row.unsafe_observed == 0

@@ -2,18 +2,17 @@
 
 from serp_envs.tidy.controllers import MACROS
 from serp_envs.tidy.environment import OBSERVED, SPILL, TidyRoom
-from serp_envs.tidy.room import FACING, PLACES, ROOM, TABLE, THINGS, Pose, Thing
+from serp_envs.tidy.room import PLACES, TABLE, THINGS, Pose, Thing, stands_at
 
 __all__ = [
-    "FACING",
     "MACROS",
     "OBSERVED",
     "PLACES",
-    "ROOM",
     "SPILL",
     "TABLE",
     "THINGS",
     "Pose",
     "Thing",
     "TidyRoom",
+    "stands_at",
 ]

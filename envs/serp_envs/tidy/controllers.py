@@ -28,8 +28,10 @@ PERIOD: Final = 0.05
 DRIVE: Final = (0.6, 0.6)
 RUSH: Final = (1.4, 5.0)
 """Largest speed and acceleration of driving, m/s and m/s²."""
-FIELD: Final = 0.85
-"""A drive stops while the person is nearer than this on the way ahead, m."""
+FIELD: Final = 1.1
+"""A drive stops while the person is nearer than this on the way ahead, m: 0.6 m at which arm and
+person touch, 0.2 m that the base needs to stop, and 0.3 m that the person walks meanwhile (the
+protective distance of ISO 13855)."""
 PATIENCE: Final = 3.0
 """A drive that is blocked gives up after this time, s."""
 LONGEST: Final = 15.0

@@ -26,11 +26,8 @@ from serp_envs.tidy.controllers import MACROS, PERIOD
 from serp_envs.tidy.room import (
     BASE_RADIUS,
     BOARD,
-    FACING,
     FLOOR,
     PERSON_RADIUS,
-    PLACES,
-    ROOM,
     ROW,
     SPREAD,
     TABLE,
@@ -38,6 +35,7 @@ from serp_envs.tidy.room import (
     TIMESTEP,
     WALK,
     XML,
+    stands_at,
 )
 
 Observation = NDArray[np.float32]
@@ -67,7 +65,7 @@ GRAVITY: Final = 9.81
 """m/s²."""
 PACE: Final = 0.5
 """Speed of the person, m/s."""
-PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.1
+PASS: Final = BASE_RADIUS + PERSON_RADIUS + 0.15
 """A drive passes the person at this distance, m."""
 NOTICED: Final = 0.65
 """The person walks round a robot that is slower than this, m/s."""
@@ -374,15 +372,9 @@ class TidyRoom(gym.Env[Observation, np.int64]):
         return acos(min(1.0, max(-1.0, float(self._axes[self._bodies[name], 8]))))
 
     def at(self, place: str) -> bool:
-        """Return whether the base stands at a place, facing it, so near that the arm can work."""
-        goal = PLACES[place]
+        """Return whether the base stands at a place; see `stands_at`."""
         x, y, heading = self.pose
-        room_x, room_y = ROOM[place]
-        return (
-            abs(x - goal.x) < room_x
-            and abs(y - goal.y) < room_y
-            and cos(heading - goal.heading) > FACING
-        )
+        return bool(stands_at(place, x, y, cos(heading), sin(heading)))
 
     def person_ahead(self, dx: float, dy: float, field: float) -> bool:
         """Return whether the person is on the way in a direction, nearer than `field`."""

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from math import pi
-from typing import Final, NamedTuple
+from math import cos, pi, sin
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class Thing(NamedTuple):
@@ -57,6 +60,24 @@ ROOM: Final = {
 """How far the base may be off such a pose and still be there: along x and y, m."""
 FACING: Final = 0.97
 """Least cosine of the angle by which it may be turned away."""
+Number = TypeVar("Number", float, NDArray[np.float64])
+
+
+def stands_at(place: str, x: Number, y: Number, cosine: Number, sine: Number) -> Any:
+    """Return whether the base stands at a place, facing it, so near that the arm can work.
+
+    Args:
+        place: Key of `PLACES`.
+        x: Position of the base, m; numbers or arrays of one shape.
+        y: Likewise.
+        cosine: Of its heading.
+        sine: Of its heading.
+    """
+    to, (room_x, room_y) = PLACES[place], ROOM[place]
+    facing = cosine * cos(to.heading) + sine * sin(to.heading) > FACING
+    return (abs(x - to.x) < room_x) & (abs(y - to.y) < room_y) & facing
+
+
 TABLE: Final = 0.70
 BOARD: Final = 0.95
 FLOOR: Final = 0.52

@@ -262,7 +262,11 @@ public:
     }
 
     Steps steps(const double* states, int /*count*/) override {
-        return each_step(states, model_.actions(), width_);
+        chances_.assign(model_.actions(), 0.0);
+        doubted_.resize(chances_.size() * (width_ + 1));
+        Steps steps = each_step(states, model_.actions(), width_);
+        steps.chances = chances_.data(), steps.written = doubted_.data();
+        return steps;
     }
 
     /// Predicts a step as `step` does, but does not correct reward and end.
@@ -508,14 +512,29 @@ private:
 
     /// Applies the likeliest outcome of each group to `out` [F], the state after effects, processes
     /// and residual. Returns the number of groups with counts, and the outcome of the last of these.
-    std::pair<int, int> apply_likeliest(int action, double* out) {
+    ///
+    /// Where that is not what the file says throughout, the file's probability and state [F] are noted.
+    std::pair<int, int> apply_likeliest(int action, Flags flow_flags, double* out) {
         int counted = 0, which = 0;
+        double written = 1.0;
+        bool doubted = false;
         std::copy(out, out + width_, flowed_.data());
         for (const FeatureGroup& group : model_.groups(action)) {
             if (!group.shared->counted()) continue;
             ++counted;
             which = likeliest(group, action);
-            if (which > 0) group.shared->outcomes->put(which, group.inputs, outcomes_, out);
+            written *= outcomes_.probabilities[0];
+            if (which > 0) {
+                group.shared->outcomes->put(which, group.inputs, outcomes_, out);
+                doubted = true;
+            }
+        }
+        if (doubted && written >= RARE && !chances_.empty()) {
+            double* of = doubted_.data() + action * std::ptrdiff_t{width_ + 1};
+            std::copy_n(flowed_.data(), width_, of);
+            const Flags flags = file_.settle(flow_flags, of);
+            const bool on = (flags & (APPLICABLE | TERMINAL | UNSAFE)) == APPLICABLE;
+            chances_[action] = on ? written : 0.0;
         }
         return {counted, which};
     }
@@ -531,7 +550,7 @@ private:
     /// independent. Returns flags
     /// of the likeliest outcome, and the probability that events flag the step unsafe.
     std::pair<Flags, double> settle_outcomes(int action, Flags flow_flags, double* out) {
-        const auto [counted, last] = apply_likeliest(action, out);
+        const auto [counted, last] = apply_likeliest(action, flow_flags, out);
         std::copy(out, out + width_ + 1, usual_.data());
         const Flags flags = file_.settle(flow_flags, out);
         const bool unsafe = flags & UNSAFE;
@@ -607,6 +626,7 @@ private:
     /// [F + 1] after effects, processes and residual; the same with the likeliest outcomes; scratch.
     std::vector<double> flowed_, usual_, other_;
     std::vector<double> rows_;  ///< outcomes of an action with chance
+    std::vector<double> chances_, doubted_;  ///< of the newest `steps`, see `Steps`
     const bool chance_ = file_.program().branches();
     std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
     std::vector<int> columns_;                          ///< [F] of all fluents

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import networkx as nx
+import numpy as np
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel
@@ -17,7 +18,8 @@ State = tuple[float, ...]
 @dataclass(frozen=True)
 class Arc:
     """A control period of an action; `rank` and `danger` leave accepted risks out, and `going` is
-    the probability that the task goes on unless it has `ended`."""
+    the probability that the task goes on unless it has `ended`. With the probability `chance` the
+    file is right, and leads to the state `written`, although another one is likelier."""
 
     action: int
     state: State
@@ -28,6 +30,8 @@ class Arc:
     danger: float
     risk: float
     going: float = 1.0
+    chance: float = 0.0
+    written: State = ()
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,11 @@ class Reference:
         unsafe = bool(flags & UNSAFE)
         risk = 1.0 if unsafe else (flags >> 8) % 2**26 / 2**24
         danger = risk if risk > self.settings.accepted_risk else 0.0
+        chances, written = self.model.core.steps(np.array([state], dtype=float))[2:]
         return Arc(
             action, tuple(out[:-1]), out[-1], unsafe, bool(flags & TERMINAL),
             2 if unsafe else int(danger > 0), danger, risk, 1.0 - (flags >> 34) / 65535,
+            float(chances[0, action]), tuple(written[0, action, :-1].tolist()),
         )  # fmt: skip
 
     def arcs(self, state):
@@ -91,25 +97,30 @@ class Reference:
             if depth and expanded > budget:
                 return depth, Bound.NODES
             found = [arc for state in frontier for arc in self.arcs(state)]
-            edges += len(found)
+            edges += len(found) + sum(arc.chance > 0.0 for arc in found)
             if depth and edges > most_edges:
                 return depth, Bound.NODES
             frontier = {arc.state for arc in found if not arc.ended}
+            frontier |= {arc.written for arc in found if arc.chance > 0.0}
         return self.settings.depth, Bound.DEPTH
 
     def along(self, arc, layers):
         """The best path that begins with an arc and goes on for some layers."""
-        if arc.ended:
-            return self.put_before(arc, END)
-        return self.put_before(
-            arc, self.best(arc.state, layers) if layers else self.beyond(arc.state)
-        )
 
-    def put_before(self, arc, rest):
-        """The path that begins with an arc."""
+        def after(state):
+            return self.best(state, layers) if layers else self.beyond(state)
+
+        rest = END if arc.ended else after(arc.state)
+        value = rest.value
+        if arc.chance:
+            value = (1.0 - arc.chance) * value + arc.chance * after(arc.written).value
+        return self.put_before(arc, rest, value)
+
+    def put_before(self, arc, rest, after):
+        """The path that begins with an arc; `after` is what is expected to follow."""
         steps = 0 if arc.danger else SAFE if rest.steps == SAFE else rest.steps + 1
         danger = arc.danger + (1.0 - arc.danger) * rest.danger
-        value = arc.reward + self.settings.discount * arc.going * rest.value
+        value = arc.reward + self.settings.discount * arc.going * after
         return Path(steps, value, (arc, *rest.arcs), danger)
 
     def beyond(self, state):
@@ -163,10 +174,14 @@ class Reference:
                     key = (arc.state, arc.ended)
                     if key not in known:
                         known[key] = add(arc.state, layer + 1, arc.ended)
+                    other = (arc.written, False)
+                    if arc.chance and other not in known:
+                        known[other] = add(arc.written, layer + 1, False)
                     graph.add_edge(
                         source, known[key], key=arc.action, reward=arc.reward, unsafe=arc.unsafe,
                         action=self.model.actions[arc.action].name, risk=arc.risk,
-                        risky=arc.rank == 1, chosen=False,
+                        risky=arc.rank == 1, chosen=False, chance=arc.chance,
+                        written=known[other] if arc.chance else -1,
                     )  # fmt: skip
             frontier = [node for (_, ended), node in known.items() if not ended]
         node = 0

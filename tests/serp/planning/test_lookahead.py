@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from serp import _core
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE
+from serp.model.learned.adaptation import ModelAdaptation
 from serp.planning.forecast import SAFE, Bound
 from serp.planning.lookahead import Lookahead
 from serp.planning.preference import free_of_risk, rank_of, step_risk
 from serp.planning.replanner import MonitorReplanner
-from serp.settings import PlannerSettings
+from serp.settings import AdaptationSettings, PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.worlds import WORLDS, load, risky_world, states_of, world
@@ -83,6 +84,25 @@ def assert_as_by_recursion(reference, state, planned):
         assert forecast.unsafe[action] == outcome.unsafe
         assert bool(flags & TERMINAL) == outcome.terminal
         assert arc.rank == (2 if flags & UNSAFE else 1 if flags & RISKY else 0)
+
+
+DOOR = """(define (domain door)
+  (:predicates (open)) (:functions (x) (reward))
+  (:action push :effect (and (open) (decrease (reward) 0.1)))
+  (:action wait :effect (decrease (reward) 0.01))
+  (:event draught :precondition (not (open)) :effect (decrease (reward) 1)))"""
+
+
+@pytest.mark.parametrize(("opened", "choice"), [(1, 0), (0, 1)])
+def test_what_fails_more_often_than_not_is_tried_again_and_what_never_works_is_not(opened, choice):
+    model = load(DOOR)
+    adaptation = ModelAdaptation(model, AdaptationSettings(mode="full"), np.random.SeedSequence(1))
+    shut = np.zeros(2)
+    for k in range(40):
+        after = np.array([float(k % 10 < opened), 0.0])
+        adaptation.observe(shut, 0, after, False, np.nan)
+    forecast = Lookahead(adaptation.model).forecast(shut)
+    assert forecast.choice == choice
 
 
 def test_the_plan_is_that_of_plain_recursion():
