@@ -166,11 +166,15 @@ class BoundTask(Closing):
         """
         grounded = self._grounded(raw, info, env)
         try:
-            if isinstance(grounded, Mapping):
-                return self.model.state(grounded)
-            return np.array(self.model.check_state(grounded))
+            return self.state(grounded)
         except (StateError, TypeError, ValueError) as error:
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
+
+    def state(self, given: Any) -> Vector:
+        """Return the state `[F]` that a mapping from every fluent, or an array, gives, checked."""
+        if isinstance(given, Mapping):
+            return self.model.state(given)
+        return np.array(self.model.check_state(given))
 
     def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
         """Return the flat observation and the state of what the environment has just returned."""

@@ -267,4 +267,5 @@ def export(run: Path, out: Path) -> None:
     from serp.runs.policy import export_policy
 
     export_policy(open_run(run), out)
-    say(f"{out} holds the policy. On the robot: serp.Policy({str(out)!r}).decide(observation)")
+    usage = f"serp.Policy({str(out)!r}, ground=ground).decide(observation)"
+    say(f"{out} holds the policy. On the robot: {usage}")
