@@ -125,8 +125,12 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
         raise TaskError(f"--env {name}: {_message(error)}{advice}") from error
     if not isinstance(env, gym.Env):
         raise TaskError(f"--env {name}: it made a {type(env).__name__}, not a gymnasium.Env")
+    expression = f"{call}{options})"
+    if colon and not env.has_wrapper_attr("_max_episode_steps"):
+        imports = f"from gymnasium.wrappers import TimeLimit\n{imports}"
+        expression = f"TimeLimit({expression}, 500)  # steps after which an episode is truncated"
     try:
-        yield MadeEnvironment(env, imports, options and f"{options}: Any", f"{call}{options})")
+        yield MadeEnvironment(env, imports, options and f"{options}: Any", expression)
     finally:
         with contextlib.suppress(Exception):
             env.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,14 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks import wrapper_state
 from serp.tasks.action_map import ActionMap
 from serp.tasks.grounding import Grounding
-from serp.tasks.spaces import ActionSpace, Observations, reset_answer, step_answer
+from serp.tasks.spaces import (
+    RESET_ANSWER,
+    STEP_ANSWER,
+    ActionSpace,
+    Observations,
+    reset_answer,
+    step_answer,
+)
 
 if TYPE_CHECKING:
     from serp.tasks.task import Task
@@ -149,6 +157,11 @@ class BoundTask(Closing):
             )
         return env
 
+    @property
+    def time_limited(self) -> bool:
+        """Whether Gymnasium's `TimeLimit`, or what has its attribute, ends long episodes."""
+        return self.env.has_wrapper_attr("_max_episode_steps")
+
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
         try:
@@ -228,7 +241,12 @@ class BoundTask(Closing):
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {raised(error)}") from error
+            wanted = ""
+            if re.match("(not enough|too many) values to unpack", str(error)):  # in a wrapper
+                wanted = f"; {STEP_ANSWER if what.startswith('step') else RESET_ANSWER} are wanted"
+            raise EnvironmentFailure(
+                f"task {self.name}: {what} failed: {raised(error)}{wanted}"
+            ) from error
 
     def close(self) -> None:
         """Close the environment."""

@@ -258,14 +258,16 @@ def _shown(value: Any) -> str:
 
 # Answers of `reset` and `step`: an EnvironmentFailure says what was returned and what is expected.
 
+STEP_ANSWER = "the five values (observation, reward, terminated, truncated, info)"
+RESET_ANSWER = "the two values (observation, info)"
+
 
 def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
     """Return observation, reward, terminated, truncated and info, copied.
 
     The reward must be finite; reward, terminated and truncated may be arrays of one element.
     """
-    wanted = "the five values (observation, reward, terminated, truncated, info)"
-    raw, reward, terminated, truncated, info = _parts(answer, 5, wanted)
+    raw, reward, terminated, truncated, info = _parts(answer, 5, STEP_ANSWER)
     return (
         _copied(raw),
         _number(reward, "the reward"),
@@ -277,7 +279,7 @@ def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
 
 def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
     """Return observation and info, copied."""
-    raw, info = _parts(answer, 2, "the two values (observation, info)")
+    raw, info = _parts(answer, 2, RESET_ANSWER)
     return _copied(raw), _info(info)
 
 

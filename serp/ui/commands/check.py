@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from serp.authoring.lint.findings import Finding
     from serp.model.domain import Domain
     from serp.pddl.source import DomainWarning
+    from serp.tasks.environment import BoundTask
     from serp.tasks.task import Task
 
 
@@ -157,15 +158,31 @@ def _look(
 
     try:
         with task.bind() as bound:
-            summary += _summary(bound.domain)
+            summary += [*_summary(bound.domain), *_fit(bound)]
             yield from out_of_range(bound)
     except SerpError as error:
         if asked is not None:
             raise
         summary += _summary(task.load())
         yield DomainWarning(str(error), code="task-mismatch")
-        return
-    summary.append(f"task {bound.name}: environment, grounding and actions fit together")
+
+
+def _fit(bound: BoundTask) -> Iterator[str]:
+    """Yield what was checked of a task, and what may be missing in it."""
+    actions, schemas = bound.actions, [action.schema for action in bound.model.actions]
+    yield (
+        f"task {bound.name}: the environment's spaces, grounding and actions fit together; "
+        "no step was tried"
+    )
+    if unnamed := [str(k) for k, group in enumerate(actions.groups) if not group]:
+        named = [listed(dict.fromkeys(schemas[k] for k in group)) for group in actions.groups]
+        twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
+        yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
+    if not bound.time_limited:
+        yield (
+            "the environment has no time limit: an episode that it does not end is truncated at "
+            "training.episode_steps"
+        )
 
 
 def _summary(domain: Domain) -> Iterator[str]:

@@ -103,7 +103,7 @@ def test_texts_and_pictures_are_no_fluents():
     assert numbers[1].comment == "compute it from observation['image']"
     flat = Observations(env.observation_space)
     read = flat.read({"at": 1, "said": "hello", "image": np.ones((9, 9, 3), np.float32)})
-    assert flat.size == len(read) == 4 + 243 and flat.name(3) == "entry 3 of `at`"
+    assert flat.size == len(read) == 4 + 243 and flat.name(3) == "at = 3"
 
 
 def test_an_environment_of_ones_own_fits_at_once(folder):
@@ -119,6 +119,7 @@ def test_an_environment_of_ones_own_fits_at_once(folder):
     assert "fit together" in checked.output
     assert "1 passed" in CliRunner().invoke(serp, ["test", "my-own-robot.pddl"]).output
     with custom_task("my-own-robot.py").bind() as bound:
+        assert bound.time_limited
         assert len(bound.ground(bound.reset(seed=1)[0])) == 6
         assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
 

@@ -171,6 +171,14 @@ def test_an_answer_of_another_kind_is_named_with_what_is_wanted(tmp_path, answer
         bound.step(1)
 
 
+def test_an_answer_that_a_wrapper_cannot_unpack_is_named_with_what_is_wanted(tmp_path):
+    limited = gym.wrappers.TimeLimit(Odd(step=(SEEN, 0.0, False, {})), 9)
+    bound = corridor(tmp_path, lambda: limited).bind()
+    bound.reset()
+    with pytest.raises(EnvironmentFailure, match=r"the five values \(obs.* are wanted"):
+        bound.step(1)
+
+
 def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path):
     space = spaces.Dict(
         at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
