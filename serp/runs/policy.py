@@ -71,18 +71,12 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
                 f"with an installed {kind}; `serp list` names them"
             )
     with run.environment() as task:
-        try:
-            space = described(task.observations.space)
-        except ValueError as error:
-            raise RunError(
-                f"the observations of task {task.name} cannot be exported: {error}"
-            ) from None
-        arrays, meta = _state(agent, task, space_of(space))
+        arrays, meta = _state(agent, task)
     fluents = [(fluent.name, fluent.numeric) for fluent in task.model.fluents]
     about = {
         "choice": f"{agent.strategy.choice}, within the vetoes",
         "fluents": [{"name": name, "kind": "number" if n else "0 or 1"} for name, n in fluents],
-        "observation_space": space,
+        "observation_space": described(task.observations.space),
         "observation": [task.observations.name(k) for k in range(task.observation_size)],
         "actions": [task.actions.name(action) for action in range(task.actions.size)],
         "ground_actions": task.actions.groups,
@@ -104,19 +98,13 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     return folder
 
 
-def _state(
-    agent: Agent, task: BoundTask, space: gym.Space[Any]
-) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return the agent without its replay memory, and pairs of a played episode.
-
-    Texts of observations are not in the vectors, so that there are no pairs with them.
-    """
+def _state(agent: Agent, task: BoundTask) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return the agent without its replay memory, and pairs of a played episode."""
     arrays, meta = agent.state_dict()
     pairs = []
-    most = _STEPS * (gym.spaces.flatdim(space) == task.observation_size)
     # What playing does to the agent is undone at the end.
     with contextlib.closing(play(agent, task, episodes=1)) as episodes:
-        for step in itertools.islice(next(episodes), most):
+        for step in itertools.islice(next(episodes), _STEPS):
             pairs.append((task.observation(step.observation), step.state.copy()))
     empty, fresh = Agent(task, agent.settings, 0).state_dict()
     replay = "learner.replay."
@@ -125,10 +113,8 @@ def _state(
     if "replay" in meta["learner"]:
         meta["learner"]["replay"] = fresh["learner"]["replay"]
     kept = np.linspace(0, len(pairs) - 1, min(_PAIRS, len(pairs))).astype(int)
-    sizes = {"observation": task.observation_size, "state": len(task.model.fluents)}
-    for k, (name, size) in enumerate(sizes.items()):
-        chosen = np.array([pairs[place][k] for place in kept], np.float64)
-        arrays[f"grounding.{name}"] = chosen.reshape(len(kept), size)
+    for k, name in enumerate(("observation", "state")):
+        arrays[f"grounding.{name}"] = np.array([pairs[place][k] for place in kept])
     return arrays, meta
 
 
@@ -164,7 +150,11 @@ class Policy:
             width, size = len(self.fluents), task.observation_size
             observations = saved.array("grounding.observation", np.float64, (-1, size))
             states = saved.array("grounding.state", np.float64, (len(observations), width))
-            raw = [gym.spaces.unflatten(task.observations.space, one) for one in observations]
+            space, whole = (
+                task.observations.space,
+                size == gym.spaces.flatdim(task.observations.space),
+            )
+            raw = [gym.spaces.unflatten(space, one) for one in observations if whole]
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise RunError(
                 f"{folder} is not what `serp export` wrote, or does not fit together ({error}); "
@@ -172,7 +162,7 @@ class Policy:
             ) from None
         except SerpError as error:
             raise RunError(f"{folder}: {error}") from None
-        self._pairs = list(zip(raw, states, strict=True))
+        self._pairs = list(zip(raw, states, strict=False))  # there are none without the texts
         if ground is not None:
             self.check_grounding(ground)
             self.agent.task = self._grounded_by(ground)
@@ -191,20 +181,15 @@ class Policy:
                 `ground` computes it.
 
         Raises:
-            RunError: One of them is missing, has another shape, or is not finite, or `ground`
+            SerpError: One of them is missing, has another shape, or is not finite; or `ground`
                 failed.
         """
         if state is None and self._ground is None:
             raise RunError("give `state=`, or make the policy by Policy(folder, ground=...)")
-        agent = self.agent
-        try:
-            if state is None:
-                perceived = agent.perceive(observation)
-            else:
-                flat = agent.task.observation(observation)
-                perceived = agent.take_in(flat, agent.task.state(state))
-        except SerpError as error:
-            raise RunError(str(error)) from error
+        agent, task = self.agent, self.agent.task
+        if state is None:
+            return agent.decide_greedily(*agent.perceive(observation))
+        perceived = agent.take_in(task.observation(observation), task.state(state))
         return agent.decide_greedily(*perceived)
 
     def check_grounding(self, ground: Callable[[Any], State], tolerance: float = 1e-6) -> int:
@@ -214,13 +199,10 @@ class Policy:
         of observations with texts.
 
         Raises:
-            RunError: It gives another state (the message names the first fluent), or failed.
+            SerpError: It gives another state (the message names the first fluent), or failed.
         """
         for observation, state in self._pairs:
-            try:
-                grounded = self._grounded_by(ground).ground(copy.deepcopy(observation))
-            except SerpError as error:
-                raise RunError(f"{error}; without it, give decide(observation, state=)") from error
+            grounded = self._grounded_by(ground).ground(copy.deepcopy(observation))
             wrong = np.abs(grounded - state) > tolerance * np.maximum(1.0, np.abs(state))
             if wrong.any():
                 k = int(wrong.argmax())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import json
-import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -22,14 +21,7 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks import wrapper_state
 from serp.tasks.action_map import ActionMap
 from serp.tasks.grounding import Grounding
-from serp.tasks.spaces import (
-    RESET_ANSWER,
-    STEP_ANSWER,
-    ActionSpace,
-    Observations,
-    reset_answer,
-    step_answer,
-)
+from serp.tasks.spaces import ActionSpace, Observations, reset_answer, step_answer
 
 if TYPE_CHECKING:
     from serp.tasks.task import Task
@@ -241,12 +233,10 @@ class BoundTask(Closing):
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
-            wanted = ""
-            if re.match("(not enough|too many) values to unpack", str(error)):  # in a wrapper
-                wanted = f"; {STEP_ANSWER if what.startswith('step') else RESET_ANSWER} are wanted"
-            raise EnvironmentFailure(
-                f"task {self.name}: {what} failed: {raised(error)}{wanted}"
-            ) from error
+            said = raised(error)
+            if "values to unpack (expected 5" in said:  # by a wrapper of Gymnasium
+                said += "; it must return observation, reward, terminated, truncated, info"
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {said}") from error
 
     def close(self) -> None:
         """Close the environment."""

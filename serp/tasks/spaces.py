@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.errors import EnvironmentFailure
+from serp.errors import EnvironmentFailure, TaskError
 
 
 class ActionSpace:
@@ -115,7 +115,7 @@ class Observations:
 
 
 def described(space: Any) -> dict[str, Any]:
-    """Return a space of observations as values for `json_text`, or raise a ValueError.
+    """Return a space of observations as values for `json_text`, or raise a TaskError.
 
     Bounds of a `Box` are left out, because its observations may lie outside of them.
     """
@@ -128,7 +128,7 @@ def described(space: Any) -> dict[str, Any]:
         if isinstance(space, getattr(spaces, kind)):
             given = {name: getattr(space, name) for name in names}
             return {kind: {k: str(v) if k == "dtype" else v for k, v in given.items()}}
-    raise ValueError(f"{space} is not one of Gymnasium's own spaces")
+    raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
 
 
 def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
@@ -258,16 +258,14 @@ def _shown(value: Any) -> str:
 
 # Answers of `reset` and `step`: an EnvironmentFailure says what was returned and what is expected.
 
-STEP_ANSWER = "the five values (observation, reward, terminated, truncated, info)"
-RESET_ANSWER = "the two values (observation, info)"
-
 
 def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
     """Return observation, reward, terminated, truncated and info, copied.
 
     The reward must be finite; reward, terminated and truncated may be arrays of one element.
     """
-    raw, reward, terminated, truncated, info = _parts(answer, 5, STEP_ANSWER)
+    wanted = "the five values (observation, reward, terminated, truncated, info)"
+    raw, reward, terminated, truncated, info = _parts(answer, 5, wanted)
     return (
         _copied(raw),
         _number(reward, "the reward"),
@@ -279,7 +277,7 @@ def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
 
 def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
     """Return observation and info, copied."""
-    raw, info = _parts(answer, 2, RESET_ANSWER)
+    raw, info = _parts(answer, 2, "the two values (observation, info)")
     return _copied(raw), _info(info)
 
 

@@ -37,7 +37,8 @@ ${schemas}
   ;   :effect (and (increase (${first}) (* #t 0.1))))
 
   ; What is good or bad about the place where a step has led. Without a reward in this file, the
-  ; learner learns from that of the environment, and the planner has nothing to go by.
+  ; learner learns from that of the environment, and the planner has nothing to go by. With one, the
+  ; learner learns from this file's alone, unless ${name}.py says serp.Task(reward="environment").
 
   ; (:event good
   ;   :parameters ()

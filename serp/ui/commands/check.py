@@ -60,6 +60,9 @@ def check(domains: tuple[str, ...], as_json: bool) -> int:
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
+    for name in domains:
+        if name.endswith(".py"):
+            raise click.UsageError(f"{name} is Python; give it by --task {name}")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     checks: list[_CheckedDomain] = []
     for pair in asked:
@@ -169,20 +172,14 @@ def _look(
 
 def _fit(bound: BoundTask) -> Iterator[str]:
     """Yield what was checked of a task, and what may be missing in it."""
-    actions, schemas = bound.actions, [action.schema for action in bound.model.actions]
-    yield (
-        f"task {bound.name}: the environment's spaces, grounding and actions fit together; "
-        "no step was tried"
-    )
-    if unnamed := [str(k) for k, group in enumerate(actions.groups) if not group]:
-        named = [listed(dict.fromkeys(schemas[k] for k in group)) for group in actions.groups]
+    yield f"task {bound.name}: spaces, grounding and actions fit together; no step was tried"
+    groups, ground = bound.actions.groups, bound.model.actions
+    if unnamed := [str(k) for k, group in enumerate(groups) if not group]:
+        named = [listed(dict.fromkeys(ground[k].schema for k in group)) for group in groups]
         twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
         yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
     if not bound.time_limited:
-        yield (
-            "the environment has no time limit: an episode that it does not end is truncated at "
-            "training.episode_steps"
-        )
+        yield "the environment has no time limit; training.episode_steps truncates an episode"
 
 
 def _summary(domain: Domain) -> Iterator[str]:

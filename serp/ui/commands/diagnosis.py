@@ -92,8 +92,8 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
         show(f"\n{plural(rest, 'finding')} more, and the error of each fluent: --all")
     if remarks:
         print_next(
-            (again("repair", str(recorded.path)), "all edits together, as a difference"),
-            (again("repair", str(recorded.path), "-o", "FILE.pddl"), "write the repaired file"),
+            (again("repair", run=recorded), "all edits together, as a difference"),
+            (again("repair", "-o", "FILE.pddl", run=recorded), "write the repaired file"),
         )
 
 

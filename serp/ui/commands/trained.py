@@ -130,7 +130,7 @@ def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    first = f"{path}: a preliminary page is ready; pictures follow"
+    first = f"{path}: a preliminary page is ready; pictures follow, if the task draws"
     further = [Run(each) for each in others]
     write_report(open_run(run), path, others=further, on_first=lambda: say(first), **options)
     _print_size(path)

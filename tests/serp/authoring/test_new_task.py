@@ -135,8 +135,12 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
     assert game.moment.over and game.moment.total > 10
     assert all(cause.what != "unsafe" for cause in played.brought)
     text = written[0].read_text()
+    Path("robot_arm.py").write_text(f"{OWN}\nclass Arm(Robot):\n    def __init__(self, n): ...\n")
     for name, env, said in (
-        ("rail", None, "rail.scenarios already there"),
+        ("a", "robot_arm.py", "`--env robot_arm.py:Arm`, `--env robot_arm.py:Robot`"),
+        ("a", "robot_arm:Robot", "`--env robot_arm.py:Robot`"),
+        ("a", "robot_arm.py:Arm", "name a function without required arguments"),
+        ("rail", None, "rail.scenarios already there.* such as rail-task"),
         ("Rail", None, "small letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),

@@ -16,7 +16,7 @@ from hypothesis import settings as testing
 from hypothesis import strategies as st
 
 import serp
-from serp.errors import RunError
+from serp.errors import RunError, SerpError
 from serp.runs import checkpoint
 from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.diagnosis.diagnosis import diagnose
@@ -93,7 +93,7 @@ def test_a_grounding_is_checked_by_recorded_pairs(cartpole):
     with pytest.raises(RunError, match="`cart-position`"):
         serp.Policy(cartpole, ground=lambda observation: observation + 1.0)
     for observation, state in (([0.0], [0.0] * 4), ([0.0] * 4, {"pole-angle": 0.0})):
-        with pytest.raises(RunError, match="4 are wanted|no value for fluent"):
+        with pytest.raises(SerpError, match="4 are wanted|no value for fluent"):
             policy.decide(observation, state=state)
 
 
