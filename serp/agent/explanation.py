@@ -307,7 +307,7 @@ def _remark(of: Alternative, ground: int, flags: int) -> str:
     elif flags & RISKY:
         known = cause is not None and cause.place is not None
         source = f"risk of {cause.quoted}" if cause and known else "by the learned model"
-        remarks.append(f"too risky: {percent(of.risk)} {source}")
+        remarks.append(f"too risky: {percent(of.risk)} {source}" if of.risk else "too risky ahead")
     else:
         if of.risk:
             remarks.append(f"risk {percent(of.risk)}, accepted")

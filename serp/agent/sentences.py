@@ -40,7 +40,7 @@ def lines_of(alternative: Alternative, most: int | None = None) -> list[str]:
     if most is not None and len(lines) > most:
         lines[most:] = [f"… and {len(lines) - most} more (--json has all)"]
     if alternative.beyond:
-        lines.append(f"{signed(alternative.beyond)} is estimated for later steps (discounted).")
+        lines.append(f"{signed(alternative.beyond)} comes after these steps (discounted).")
     return lines
 
 
@@ -84,6 +84,8 @@ def between(runner_up: RunnerUp, name: str) -> str:
 def lesser(other: RunnerUp) -> str:
     """Say, to follow its name, why the planner prefers the action taken to another one."""
     taken, own = map(percent, other.path_risks)
+    if taken == own:
+        taken, own = (f"{100 * risk:.6g} %" for risk in other.path_risks)
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
@@ -231,7 +233,7 @@ def line_of_run(run: Sequence[Sequence[Cause]]) -> str:
     first = causes[0]
     by = f" by {first.schema}" if first.what in _BROUGHT else ""
     if first.origin == "learned":
-        by = " by the learned model"
+        by = " on average over the learned outcomes"
     elif first.origin == "chance":
         by = " by its other outcomes"
     return f"{when}{brought}{by}{_where(causes)}"

@@ -25,11 +25,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from serp._util.did_you_mean import listed
 from serp._util.files import write_together
 from serp._util.numbers import real
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
-from serp.tasks.registry import attribute_of, import_file, task_like
+from serp.tasks.registry import attribute_of, environments_of, import_file, task_like
 from serp.tasks.spaces import ActionSpace, Observations, is_text
 
 MOST: Final = 64
@@ -65,15 +66,16 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     endings = (".pddl", "-problem.pddl" if env is None else ".py", ".scenarios")
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
-        raise TaskError(f"no file was written, because these exist: {', '.join(existing)}")
+        other = f"choose another name, such as {name}-task"
+        raise TaskError(f"no file was written, because these exist: {', '.join(existing)}; {other}")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]
     elif importlib.util.find_spec(name) is not None:
         raise TaskError(f"{name}: a Python module has this name; choose another one")
     else:
-        with _made(env) as made:
-            texts = _texts(name, env, made)
+        with _made(env) as (made, in_python):
+            texts = _texts(name, env, made, in_python)
     write_together(dict(zip(files, texts, strict=True)))
     return files
 
@@ -81,23 +83,19 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
 # The environment ---------------------------------------------------------------------------------
 
 
-class MadeEnvironment(NamedTuple):
-    """An environment, and the Python text that makes it: import, parameters of a function, call."""
-
-    env: gym.Env[Any, Any]
-    imports: str
-    parameters: str
-    expression: str
-
-
 @contextlib.contextmanager
-def _made(name: str) -> Iterator[MadeEnvironment]:
-    """Yield the environment of a name, and close it at the end.
+def _made(name: str) -> Iterator[tuple[gym.Env[Any, Any], dict[str, str]]]:
+    """Yield the environment of a name, and how Python makes it; close it at the end.
 
     The name is `FILE.py:NAME`, a class or a function without required arguments; else an ID for
     `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
     """
     file, colon, attribute = name.partition(".py:")
+    module = name.removesuffix(".py").partition(":")[0]
+    if not colon and Path(f"{module}.py").is_file():
+        meant = environments_of(import_file(Path(f"{module}.py"), f"--env {name}"))
+        classes = listed(f"--env {module}.py:{each}" for each in meant or ("FUNCTION",))
+        raise TaskError(f"--env {name}: name a class or a function of the file: {classes}")
     if colon:
         make = _of_file(f"--env {name}", Path(f"{file}.py"), attribute)
         imports, call = f"from {file} import {attribute}\n", f"{attribute}("
@@ -117,6 +115,8 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
             env = make()
     except Exception as error:
         advice = ""
+        if colon and re.search("required .*argument", str(error)):
+            advice = f"; name a function without required arguments: --env {file}.py:FUNCTION"
         if isinstance(error, gym.error.UnregisteredEnv):
             advice = (
                 "; if a package registers the ID, write PACKAGE:ID, as in highway_env:highway-v0; "
@@ -125,8 +125,13 @@ def _made(name: str) -> Iterator[MadeEnvironment]:
         raise TaskError(f"--env {name}: {_message(error)}{advice}") from error
     if not isinstance(env, gym.Env):
         raise TaskError(f"--env {name}: it made a {type(env).__name__}, not a gymnasium.Env")
+    expression = f"{call}{options})"
+    if colon and not env.has_wrapper_attr("_max_episode_steps"):
+        imports = f"from gymnasium.wrappers import TimeLimit\n{imports}"
+        expression = f"TimeLimit({expression}, 500)  # steps after which an episode is truncated"
     try:
-        yield MadeEnvironment(env, imports, options and f"{options}: Any", f"{call}{options})")
+        parameters = options and f"{options}: Any"
+        yield env, {"imports": imports, "parameters": parameters, "expression": expression}
     finally:
         with contextlib.suppress(Exception):
             env.close()
@@ -335,9 +340,9 @@ def remark(text: str) -> str:
     return " ".join(plain.split())[:100]
 
 
-def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
+def _texts(name: str, env: str, made: gym.Env[Any, Any], in_python: dict[str, str]) -> list[str]:
     """Return domain, task and scenarios; texts of the environment stand in comments and quotes."""
-    actions, numbers, dt = describe(made.env, f"--env {env}")
+    actions, numbers, dt = describe(made, f"--env {env}")
     width = max(7, *(len(entry.name) for entry in numbers))
     functions = [f"    ({e.name}){_comment(e, width - len(e.name))}" for e in numbers]
     functions.append(
@@ -349,7 +354,7 @@ def _texts(name: str, env: str, made: MadeEnvironment) -> list[str]:
     values = {
         **{"name": name, "env": remark(env), "first": numbers[0].name, "action": actions[0].name},
         **{"functions": "\n".join(functions), "schemas": "\n".join(schemas)},
-        **{"imports": made.imports, "parameters": made.parameters, "expression": made.expression},
+        **in_python,
         **{"fields": _items(numbers, 8), "actions": _items(actions, 12), "dt": dt or 1.0},
     }
     templates = ("environment.pddl", "adapter.txt", "environment.scenarios")

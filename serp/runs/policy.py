@@ -8,6 +8,7 @@ same agent decides as in the training: one model, one planner, one veto.
 from __future__ import annotations
 
 import contextlib
+import copy
 import itertools
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
@@ -31,13 +32,15 @@ from serp.runs.run import Run, load_run
 from serp.runs.run_config import CONFIG
 from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import WorldOptions
+from serp.tasks.grounding import Grounding
+from serp.tasks.spaces import described, space_of
 from serp.tasks.task import Task
 
 NETWORK: Final = "learner.onnx"
 """The network for other programs; written where onnx is installed (extra `export`)."""
 _STEPS, _PAIRS = 1_000, 32  # of an episode that is played before; those recorded of them
 
-Grounding = Callable[[NDArray[np.float64]], "ArrayLike | Mapping[str, float]"]
+State = ArrayLike | Mapping[str, float | bool]
 
 
 def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
@@ -73,6 +76,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     about = {
         "choice": f"{agent.strategy.choice}, within the vetoes",
         "fluents": [{"name": name, "kind": "number" if n else "0 or 1"} for name, n in fluents],
+        "observation_space": described(task.observations.space),
         "observation": [task.observations.name(k) for k in range(task.observation_size)],
         "actions": [task.actions.name(action) for action in range(task.actions.size)],
         "ground_actions": task.actions.groups,
@@ -119,8 +123,9 @@ class Policy:
 
     Args:
         folder: The exported folder.
-        ground: A function from an observation `[O]` to its state: numbers in the order of
-            `fluents`, or a mapping from their names. Without it, `decide` needs the state.
+        ground: A function from an observation, as the environment gives it, to its state: a mapping
+            from the names in `fluents`, or numbers in their order. It is compared with the recorded
+            pairs of observation and state. Without it, `decide` needs the state.
 
     Attributes:
         about: What the folder says of the policy: `policy` in the `config` of its `config.json`.
@@ -129,10 +134,11 @@ class Policy:
         agent: Planner, learner and arbiter, as trained.
 
     Raises:
-        RunError: The folder is not one that `serp export` wrote, or it was changed.
+        RunError: The folder is not one that `serp export` wrote, or it was changed; or see
+            `check_grounding`.
     """
 
-    def __init__(self, folder: str | Path, ground: Grounding | None = None) -> None:
+    def __init__(self, folder: str | Path, ground: Callable[[Any], State] | None = None) -> None:
         run = Run(Path(folder))
         self._ground = ground
         try:
@@ -141,9 +147,14 @@ class Policy:
             task, saved = self.agent.task, Saved("policy", *run.checkpoint)
             self.fluents = [fluent.name for fluent in task.model.fluents]
             self.actions = [task.actions.name(k) for k in range(task.actions.size)]
-            width, size = len(self.fluents), len(self.about["observation"])
+            width, size = len(self.fluents), task.observation_size
             observations = saved.array("grounding.observation", np.float64, (-1, size))
             states = saved.array("grounding.state", np.float64, (len(observations), width))
+            space, whole = (
+                task.observations.space,
+                size == gym.spaces.flatdim(task.observations.space),
+            )
+            raw = [gym.spaces.unflatten(space, one) for one in observations if whole]
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise RunError(
                 f"{folder} is not what `serp export` wrote, or does not fit together ({error}); "
@@ -151,78 +162,68 @@ class Policy:
             ) from None
         except SerpError as error:
             raise RunError(f"{folder}: {error}") from None
-        self._pairs = list(zip(observations, states, strict=True))
-        self._observation_size = size
+        self._pairs = list(zip(raw, states, strict=False))  # there are none without the texts
+        if ground is not None:
+            self.check_grounding(ground)
+            self.agent.task = self._grounded_by(ground)
         self.begin_episode()
 
     def begin_episode(self) -> None:
         """Say that another episode begins, as after a reset of an environment."""
         self.agent.arbiter.begin_episode()
 
-    def decide(self, observation: ArrayLike, *, state: ArrayLike | None = None) -> Decision:
+    def decide(self, observation: Any, *, state: State | None = None) -> Decision:
         """Decide as the trained policy does.
 
         Args:
-            observation: `[O]`, flat.
-            state: `[F]` in the order of `fluents`; without it, `ground` computes it.
+            observation: As the environment gives it: a member of `observation_space` in `about`.
+            state: A mapping from the names in `fluents`, or `[F]` in their order; without it,
+                `ground` computes it.
 
         Raises:
-            RunError: One of them is missing, has another shape, or is not finite.
+            SerpError: One of them is missing, has another shape, or is not finite; or `ground`
+                failed.
         """
-        seen = _vector(observation, self._observation_size, "an observation")
+        if state is None and self._ground is None:
+            raise RunError("give `state=`, or make the policy by Policy(folder, ground=...)")
+        agent, task = self.agent, self.agent.task
         if state is None:
-            if self._ground is None:
-                raise RunError("give `state=`, or an observation and Policy(folder, ground=...)")
-            state = self._grounded(self._ground, seen)
-        return self.agent.decide_greedily(
-            *self.agent.take_in(seen, _vector(state, len(self.fluents), "a state"))
-        )
+            return agent.decide_greedily(*agent.perceive(observation))
+        perceived = agent.take_in(task.observation(observation), task.state(state))
+        return agent.decide_greedily(*perceived)
 
-    def check_grounding(self, ground: Grounding, tolerance: float = 1e-6) -> int:
+    def check_grounding(self, ground: Callable[[Any], State], tolerance: float = 1e-6) -> int:
         """Compare a grounding with recorded pairs of observation and state; return their number.
 
-        `tolerance` is the largest difference of a number, absolute and relative.
+        `tolerance` is the largest difference of a number, absolute and relative. There are no pairs
+        of observations with texts.
 
         Raises:
-            RunError: It gives another state; the message names the first fluent.
+            SerpError: It gives another state (the message names the first fluent), or failed.
         """
         for observation, state in self._pairs:
-            grounded = self._grounded(ground, observation.copy())
+            grounded = self._grounded_by(ground).ground(copy.deepcopy(observation))
             wrong = np.abs(grounded - state) > tolerance * np.maximum(1.0, np.abs(state))
             if wrong.any():
                 k = int(wrong.argmax())
                 raise RunError(
                     f"the grounding gives `{self.fluents[k]}` = {grounded[k]:g}, but the recorded "
-                    f"state has {state[k]:g}, for the observation {observation.tolist()}"
+                    f"state has {state[k]:g}, for the observation {observation}"
                 )
         return len(self._pairs)
 
-    def _grounded(self, ground: Grounding, observation: NDArray[np.float64]) -> NDArray[np.float64]:
-        found = ground(observation)
-        if isinstance(found, Mapping):
-            if set(found) != set(self.fluents):
-                odd = sorted(set(found) ^ set(self.fluents))
-                raise RunError(f"the grounding and the policy differ in the fluent `{odd[0]}`")
-            found = [found[name] for name in self.fluents]
-        return _vector(found, len(self.fluents), "the grounding")
-
-
-def _vector(given: ArrayLike, size: int, what: str) -> NDArray[np.float64]:
-    try:
-        vector = np.array(given, np.float64)
-    except (TypeError, ValueError):
-        vector = np.full(0, np.nan)
-    if vector.shape != (size,) or not np.isfinite(vector).all():
-        raise RunError(f"{what} must be {size} finite numbers, not {given!r}")
-    return vector
+    def _grounded_by(self, ground: Callable[[Any], State]) -> BoundTask:
+        task = copy.copy(self.agent.task)
+        task.grounding = Grounding(ground)
+        return task
 
 
 def _task(run: Run, about: Mapping[str, Any]) -> Task:
     """Return the task of a policy, whose environment has spaces and nothing else."""
-    made, model, size = run.made, run.model, len(about["observation"])
+    made, model = run.made, run.model
     groups = enumerate(about["ground_actions"])
     return Task(
-        make_env=lambda: _Spaces(size, len(about["actions"])),
+        make_env=lambda: _Spaces(space_of(about["observation_space"]), len(about["actions"])),
         domain=run.domain,
         ground=lambda observation: np.zeros(len(model.fluents)),
         name=made.task,
@@ -236,6 +237,6 @@ def _task(run: Run, about: Mapping[str, Any]) -> Task:
 class _Spaces(gym.Env[Any, Any]):
     """An environment that only says what observations and actions are."""
 
-    def __init__(self, observation: int, actions: int) -> None:
-        self.observation_space = gym.spaces.Box(-np.inf, np.inf, (observation,), np.float64)
+    def __init__(self, observation: gym.Space[Any], actions: int) -> None:
+        self.observation_space = observation
         self.action_space = gym.spaces.Discrete(actions)

@@ -46,7 +46,7 @@ from serp.runs.tables import read_metrics
 from serp.settings import Settings
 from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import world_task
-from serp.tasks.registry import load_task
+from serp.tasks.registry import load_task, task_entries
 from serp.tasks.task import Task, reward_source
 
 
@@ -154,6 +154,22 @@ class Run(Closing):
         return self.metadata["config"]
 
     @property
+    def learned_reward(self) -> str:
+        """The reward that the learner learns from, in words."""
+        if self.made.learned_from == "domain":
+            return "the rewards of the domain file; the returns shown are the environment's"
+        if self.made.learned_from == "sum":
+            return "the environment's reward plus those of the domain file"
+        if not self.made.file_rewards:
+            return "the environment's reward; the domain file gives none"
+        if self.made.world is not None:
+            return "the rewards of the domain file, for what really happened"
+        return (
+            "the environment's reward; the planner uses the file's. With training.reward=sum the "
+            "learner uses both, with training.reward=domain the file's alone"
+        )
+
+    @property
     def metrics(self) -> dict[str, NDArray[Any]]:
         """The metrics, column by column, an entry an episode."""
         return read_metrics(self.table(METRICS, self.checkpoint if self.has_checkpoint else None))
@@ -205,6 +221,11 @@ class Run(Closing):
         if task is not None and task.name not in (None, made.task):
             raise RunError(f"{self.path} is a run of task {made.task}, not of {task.name}")
         if task is None and made.world is None:
+            if made.code and made.task not in task_entries():
+                raise RunError(
+                    f"{self.path} was made of the task in {made.code}; give it by --task, or in "
+                    f"Python: serp.load_run({str(self.path)!r}, task=task())"
+                )
             task = load_task(made.task)
         domain = self._parsed()
         if task is None:

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import duration, percent, plural, readable
+from serp._util.text import percent, plural, readable
 from serp.agent.causes import Cause, observed_causes
 from serp.agent.chosen_planner import ChosenPlanner
 from serp.agent.counterfactuals import Counterfactuals, counterfactuals
@@ -109,8 +109,8 @@ def most_telling(recording: Recording) -> tuple[int, str]:
     Without a veto it is the newest unsafe step, else the last one; without any, a RunError. A veto
     for harm, risk or reward tells more than one of a proposal that is not applicable.
     """
-    columns = recording.columns(*VETO_COLUMNS, "unsafe")
-    refused = vetoed(columns)
+    columns = recording.columns(*VETO_COLUMNS, "unsafe", "proposed", "action")
+    refused = vetoed(columns) & (columns["proposed"] != columns["action"])
     applicable = columns["reason"] != REASONS.index(Reason.NOT_APPLICABLE)
     for what, steps in (
         ("refused proposal that was applicable", refused & applicable),
@@ -129,7 +129,6 @@ class StepAccount:
     """The account of a recorded step.
 
     Attributes:
-        time: Time since the episode began, such as `3 min 12 s`.
         account: Alternatives with the recorded values, causes and runner-up.
         was_planned: Whether the planner planned. If not, it only checked which actions are safe,
             and the forecast of the step is that of `ahead_by`.
@@ -144,7 +143,6 @@ class StepAccount:
     """
 
     step: StoredStep
-    time: str
     account: Explanation
     was_planned: bool
     ahead_by: str
@@ -229,7 +227,6 @@ def account_of_step(run: Run, recording: Recording, step: int) -> StepAccount:
         domain_reward, unsafe = judged.reward, judged.unsafe or unsafe
     return StepAccount(
         step=stored,
-        time=duration((stored.number - 1) * recording.layout.control_period),
         account=account,
         was_planned=planned,
         ahead_by="" if planner is None else planner.name,
@@ -324,9 +321,9 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
 
 
 def heading(account: StepAccount) -> str:
-    """Return which step it is: `step 1,204 (step 36 of episode 12, after 14.4 s)`."""
-    of, time = account.step, account.time
-    return f"step {of.step:,} (step {of.number - 1:,} of episode {of.episode:,}, after {time})"
+    """Return which step it is: `step 1,204 (step 36 of episode 12)`."""
+    of = account.step
+    return f"step {of.step:,} (step {of.number - 1:,} of episode {of.episode:,})"
 
 
 def who_acted(account: StepAccount) -> list[str]:
@@ -355,12 +352,13 @@ def who_acted(account: StepAccount) -> list[str]:
 def what_would_differ(account: StepAccount) -> list[str]:
     """Say what would have had to differ for another outcome, and what was searched."""
     vetoes, choices, proposed = account.other_vetoes, account.other_choices, account.proposed
-    lines = []
-    if vetoes is not None:
+    lines, decision = [], account.step.decision
+    refused = decision.vetoed and decision.action != decision.proposed
+    if vetoes is not None and refused:
         lines += lines_of_changes(vetoes, f"{proposed} would not have been refused")
     if choices is not None:
         lines += lines_of_changes(choices)
-        if account.step.decision.vetoed and vetoes is None:
+        if refused and vetoes is None:
             lines.append(f"{proposed} is not refused now, because the model has changed since.")
         lines.append(f"{choices.searched} Planned again with {account.ahead_by}.")
     return lines

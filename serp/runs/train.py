@@ -34,7 +34,7 @@ from serp.runs.run_log import RunLog
 from serp.runs.trainer import Callbacks, OnEpisode, Trainer
 from serp.settings import entries, resolve
 from serp.tasks.registry import find_task
-from serp.tasks.task import Task, describe_source
+from serp.tasks.task import Task
 
 SIGNALS: Final[tuple[signal.Signals, ...]] = (
     signal.SIGINT,
@@ -192,12 +192,14 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
         log = RunLog(run.path, trainer.task, trainer.env_steps, trainer.episode)
         with log, one_thread(), progress:
             trainer.log = log
-            source = describe_source(
-                trainer.judge.source,
-                in_file=run.made.file_rewards,
-                world=run.made.world is not None,
-            )
-            progress.note(f"The learner learns from {source}.")
+            progress.note(f"The learner learns from {run.learned_reward}.")
+            longest = trainer.settings.training.episode_steps
+            if longest > (budget.env_steps or longest) and not trainer.task.time_limited:
+                progress.note(
+                    "The environment has no time limit: an episode that it does not end takes "
+                    f"{longest:,} env steps (training.episode_steps), more than the budget; "
+                    "gymnasium.wrappers.TimeLimit sets a limit."
+                )
             if trainer.agent.adaptation.notice is not None:
                 progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):

@@ -149,6 +149,11 @@ class BoundTask(Closing):
             )
         return env
 
+    @property
+    def time_limited(self) -> bool:
+        """Whether Gymnasium's `TimeLimit`, or what has its attribute, ends long episodes."""
+        return self.env.has_wrapper_attr("_max_episode_steps")
+
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
         try:
@@ -166,11 +171,15 @@ class BoundTask(Closing):
         """
         grounded = self._grounded(raw, info, env)
         try:
-            if isinstance(grounded, Mapping):
-                return self.model.state(grounded)
-            return np.array(self.model.check_state(grounded))
+            return self.state(grounded)
         except (StateError, TypeError, ValueError) as error:
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
+
+    def state(self, given: Any) -> Vector:
+        """Return the state `[F]` that a mapping from every fluent, or an array, gives, checked."""
+        if isinstance(given, Mapping):
+            return self.model.state(given)
+        return np.array(self.model.check_state(given))
 
     def perceived(self, raw: Any, info: Mapping[str, Any]) -> tuple[Vector, Vector]:
         """Return the flat observation and the state of what the environment has just returned."""
@@ -224,7 +233,10 @@ class BoundTask(Closing):
         except EnvironmentFailure as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {raised(error)}") from error
+            said = raised(error)
+            if "values to unpack (expected 5" in said:  # by a wrapper of Gymnasium
+                said += "; it must return observation, reward, terminated, truncated, info"
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {said}") from error
 
     def close(self) -> None:
         """Close the environment."""

@@ -74,6 +74,8 @@ class Grounding:
 def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
     """Yield observations of a space: of a box its centre, its bounds and `count` random points.
 
+    Of whole numbers, the least and the largest, and random ones.
+
     Equal calls yield equal observations; the space's own random generator is not used.
     """
     if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
@@ -90,6 +92,8 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
         for point in itertools.chain((middle, low, high), points, drawn):
             yield np.clip(point.astype(space.dtype), space.low, space.high)
         return
+    if isinstance(space, spaces.MultiDiscrete):
+        yield from (space.start.copy(), space.start + space.nvec - 1)
     try:
         own = copy.deepcopy(space)
         own.seed(0)

@@ -141,10 +141,22 @@ def _only(module: ModuleType, name: str) -> Any:
     if tasks:
         which = ", ".join(f"`--task {name}:{key}`" for key in tasks)
         raise TaskError(f"--task {name}: there are several tasks; write one of {which}")
+    if own := environments_of(module):
+        write = f"`serp new NAME --env {name}:{own[0]}` writes a task for `{own[0]}`"
+        raise TaskError(f"--task {name}: it holds no task, but an environment; {write}")
     raise TaskError(
         f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; write "
         f"`--task {name}:FUNCTION`"
     )
+
+
+def environments_of(module: ModuleType) -> list[str]:
+    """Return the names of the environment classes that a module defines."""
+    from gymnasium import Env
+
+    classes = inspect.getmembers(module, inspect.isclass)
+    own = [name for name, kind in classes if kind.__module__ == module.__name__]
+    return [name for name in own if issubclass(getattr(module, name), Env)]
 
 
 def _is_task(value: Any) -> TypeGuard[Task]:

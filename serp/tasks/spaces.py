@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import reprlib
+from collections import OrderedDict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from numbers import Real
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.errors import EnvironmentFailure
+from serp.errors import EnvironmentFailure, TaskError
 
 
 class ActionSpace:
@@ -108,9 +109,49 @@ class Observations:
         for path, leaf in _leaf_spaces(self.space, ""):
             count = spaces.flatdim(leaf)
             if index < count:
-                return _entry(leaf, index) + (f" of `{path}`" if path else "")
+                return _entry(leaf, index, path)
             index -= count
         raise IndexError(index)
+
+
+def described(space: Any) -> dict[str, Any]:
+    """Return a space of observations as values for `json_text`, or raise a TaskError.
+
+    Bounds of a `Box` are left out, because its observations may lie outside of them.
+    """
+    if (below := _below(space, "")) is not None:
+        parts = {key: described(part) for key, _, part in below}
+        return {"Dict": parts} if isinstance(space, spaces.Dict) else {"Tuple": [*parts.values()]}
+    if is_text(space):
+        return {"Text": {"max_length": 1}}
+    for kind, names in _DESCRIBED.items():
+        if isinstance(space, getattr(spaces, kind)):
+            given = {name: getattr(space, name) for name in names}
+            return {kind: {k: str(v) if k == "dtype" else v for k, v in given.items()}}
+    raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
+
+
+def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
+    """Return the space that `described` describes."""
+    ((kind, given),) = description.items()
+    if kind == "Dict":  # which would sort the keys of another mapping
+        return spaces.Dict(OrderedDict((key, space_of(part)) for key, part in given.items()))
+    if kind == "Tuple":
+        return spaces.Tuple([space_of(part) for part in given])
+    if kind == "Box":
+        whole = np.dtype(given["dtype"]).kind in "iu" and np.iinfo(given["dtype"])
+        bounds = (whole.min, whole.max) if whole else (-np.inf, np.inf)
+        given = {"low": bounds[0], "high": bounds[1], **given}
+    made: spaces.Space[Any] = getattr(spaces, kind)(**given)
+    return made
+
+
+_DESCRIBED = {
+    "Box": ("shape", "dtype"),
+    "Discrete": ("n", "start"),
+    "MultiDiscrete": ("nvec", "start"),
+    "MultiBinary": ("n",),
+}
 
 
 def is_text(space: Any) -> bool:
@@ -135,11 +176,19 @@ def _without(paths: Collection[str], space: Any) -> str:
     return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
 
 
-def _entry(leaf: spaces.Space[Any], index: int) -> str:
+def _entry(leaf: spaces.Space[Any], index: int, path: str) -> str:
+    if isinstance(leaf, spaces.Discrete):
+        return f"{path or 'observation'} = {leaf.start + index}"
+    if isinstance(leaf, spaces.MultiDiscrete):
+        ends = np.cumsum(leaf.nvec)
+        at = np.unravel_index(k := int(np.searchsorted(ends, index, "right")), leaf.shape)
+        value = index - ends[k] + leaf.nvec[at] + leaf.start[at]
+        return f"{path or 'observation'}[{', '.join(map(str, at))}] = {value}"
+    place = str(index)
     if isinstance(leaf, spaces.Box) and len(leaf.shape) != 1:
-        place = ", ".join(map(str, np.unravel_index(index, leaf.shape))) if leaf.shape else ""
-        return f"entry [{place}]" if place else "the number"
-    return f"entry {index}"
+        place = f"[{', '.join(map(str, np.unravel_index(index, leaf.shape)))}]"
+    named = f"entry {place}" if leaf.shape else "the number"
+    return f"{named} of `{path}`" if path else named
 
 
 def _below(space: Any, path: str) -> list[tuple[Any, str, Any]] | None:

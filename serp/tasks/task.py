@@ -80,25 +80,6 @@ def reward_source(declared: Literal["domain", "environment"], settings: Settings
     return declared if choice == "task" else choice
 
 
-def describe_source(source: Source, *, in_file: bool, world: bool = False) -> str:
-    """Return the end of a sentence that begins with "the learner learns from".
-
-    `in_file` says whether the domain file gives rewards, `world` whether it is the environment.
-    """
-    if source == "domain":
-        return "the rewards of the domain file; the returns shown are the environment's"
-    if source == "sum":
-        return "the environment's reward plus those of the domain file"
-    if not in_file:
-        return "the environment's reward; the domain file gives none"
-    if world:
-        return "the rewards of the domain file, computed from what actually happened"
-    return (
-        "the environment's reward, and the planner plans with the file's. With training.reward=sum "
-        "the learner learns from both, with training.reward=domain only from the file's"
-    )
-
-
 Draw = Callable[[Mapping[str, float | bool]], str]
 """Fluent → value, and returned: a picture of that state as text, an `svg` element."""
 Grounded = Mapping[str, float | bool] | NDArray[Any]

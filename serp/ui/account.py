@@ -55,8 +55,9 @@ def print_explanation(account: Explanation, verdict: list[str], refused: str = "
     if taken is None:
         return
     _print_causes(taken)
+    shown = {taken.name, "" if other is None else other.name}
     for alternative in account.alternatives:
-        if alternative.name == refused and (other is None or alternative.action != other.action):
+        if alternative.name == refused and refused not in shown:
             _print_causes(alternative)
     if other is not None:
         show(between(other, taken.name))

@@ -109,9 +109,10 @@ def own_task_name() -> str | None:
     return name
 
 
-def again(command: str, *words: str, domain: str | None = None) -> str:
-    """Return a command line that may be typed next, on the task that was given."""
-    own = own_task_name()
+def again(command: str, *words: str, domain: str | None = None, run: Run | None = None) -> str:
+    """Return a command line to type next, on the given task, or a run, which remembers its file."""
+    own = None if run is not None and run.made.code else own_task_name()
+    words = words if run is None else (str(run.path), *words)
     given = [*(("--domain", domain) if domain else ()), *(("--task", own) if own else ())]
     return shlex.join(["serp", command, *given, *words])
 

@@ -39,7 +39,7 @@ class PolicyNode(Node):
         """Publish the action for an observation; none for one that cannot be used."""
         try:
             decision = self.policy.decide(message.data)
-        except serp.RunError as error:
+        except serp.SerpError as error:
             self.get_logger().error(f"no action: {error}")
             return
         self._actions.publish(Int32(data=decision.action))

@@ -19,8 +19,8 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
     """Yield conditions whose numbers lie far outside of what the grounding can give.
 
     The range of a fluent is taken from observations that the space allows. Only what is farther
-    away than the range is wide is reported: degrees for radians, millimetres for metres. A bound
-    that the space leaves open is no range.
+    away than the range is wide is reported: degrees for radians, millimetres for metres; and what
+    a whole number is never equal to. A bound that the space leaves open is no range.
     """
     model, states = bound.model, []
     for sample in bound.grounding.on_samples(bound.env.observation_space, 256):
@@ -34,7 +34,9 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
     for index, number, place in limits_in(model.ground, model.theta.tolist()):
         low, high = least[index], most[index]
         span = high - low
-        if 0 < span < FAR / 1e3 and not low - span <= number <= high + span:
+        whole = place.text.startswith("(=") and all(state[index] % 1 == 0 for state in states)
+        slack = 0 if whole else span
+        if 0 < span < FAR / 1e3 and not low - slack <= number <= high + slack:
             warnings[place] = DomainWarning(
                 f"`{place.text}`: the observations of the task give `{model.fluents[index].name}` "
                 f"values from {readable(low)} to {readable(high)}; is {readable(number)} in the "

@@ -37,7 +37,8 @@ ${schemas}
   ;   :effect (and (increase (${first}) (* #t 0.1))))
 
   ; Rewards for the state that a step has reached. If this file gives no reward, the learner uses
-  ; the environment's reward, and the planner has no aim.
+  ; the environment's reward, and the planner has no aim. If it gives one, the learner uses only
+  ; this file's, unless ${name}.py says serp.Task(reward="environment").
 
   ; (:event good
   ;   :parameters ()

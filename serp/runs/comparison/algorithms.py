@@ -151,7 +151,10 @@ def find_algorithm(name: str) -> Algorithm:
         algorithm = Algorithm(base, first_line(find_strategy(base)), "guided", changes=by)
     else:
         more = [*OWN, *offered(STRATEGIES)]
-        entry = find(algorithm_entries(), base, "algorithm", SettingsError, known=more)
+        entry = find(
+            algorithm_entries(), base, "algorithm", SettingsError, known=more,
+            advice="\n  `serp list` names all.",
+        )  # fmt: skip
         with loading(entry, "algorithm", SettingsError):
             make = entry.load()
         algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)

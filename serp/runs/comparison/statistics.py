@@ -292,6 +292,14 @@ class Results:
         return f"Few seeds ({fewest}): intervals are rough. Take at least {ENOUGH}."
 
     @property
+    def rewards(self) -> list[str]:
+        """What the learners learn from; where that differs, of each algorithm."""
+        learned = {name: self.of(name)[0].reward for name in self.algorithms}
+        if len({*learned.values()}) == 1:
+            return [f"The learner learns from {reward}." for reward in {*learned.values()}]
+        return [f"{name}: the learner learns from {reward}." for name, reward in learned.items()]
+
+    @property
     def verdicts(self) -> list[str]:
         """Whether the training returns of the others differ from those of the first algorithm."""
         first, lines = self.algorithms[0] if self.algorithms else "", []

@@ -442,12 +442,14 @@ class Record:
         evaluations: The columns of `evaluations.csv`, with `info.<name>` for each counter of the
             environment's info that the task declares (`Task.counters`).
         versions: Package → version of what ran the trial.
+        reward: What its learner learned from, in words.
     """
 
     trial: Trial
     episodes: Columns
     evaluations: Columns
     versions: dict[str, str | None]
+    reward: str = ""
 
 
 def read_trial(job: Job) -> Record:
@@ -467,4 +469,5 @@ def read_trial(job: Job) -> Record:
         {name: column[within] for name, column in metrics.items()},
         evaluations,
         run.metadata["versions"],
+        run.learned_reward,
     )

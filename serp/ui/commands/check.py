@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from serp.authoring.lint.findings import Finding
     from serp.model.domain import Domain
     from serp.pddl.source import DomainWarning
+    from serp.tasks.environment import BoundTask
     from serp.tasks.task import Task
 
 
@@ -59,6 +60,9 @@ def check(domains: tuple[str, ...], as_json: bool) -> int:
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task")
+    for name in domains:
+        if name.endswith(".py"):
+            raise click.UsageError(f"{name} is Python; give it by --task {name}")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     checks: list[_CheckedDomain] = []
     for pair in asked:
@@ -157,15 +161,25 @@ def _look(
 
     try:
         with task.bind() as bound:
-            summary += _summary(bound.domain)
+            summary += [*_summary(bound.domain), *_fit(bound)]
             yield from out_of_range(bound)
     except SerpError as error:
         if asked is not None:
             raise
         summary += _summary(task.load())
         yield DomainWarning(str(error), code="task-mismatch")
-        return
-    summary.append(f"task {bound.name}: environment, grounding and actions fit together")
+
+
+def _fit(bound: BoundTask) -> Iterator[str]:
+    """Yield what was checked of a task, and what may be missing in it."""
+    yield f"task {bound.name}: spaces, grounding and actions fit together; no step was tried"
+    groups, ground = bound.actions.groups, bound.model.actions
+    if unnamed := [str(k) for k, group in enumerate(groups) if not group]:
+        named = [listed(dict.fromkeys(ground[k].schema for k in group)) for group in groups]
+        twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
+        yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
+    if not bound.time_limited:
+        yield "the environment has no time limit; training.episode_steps truncates an episode"
 
 
 def _summary(domain: Domain) -> Iterator[str]:

@@ -92,8 +92,8 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
         show(f"\n--all shows {plural(rest, 'more finding')}, and the error of each fluent")
     if remarks:
         print_next(
-            (again("repair", str(recorded.path)), "show all edits together"),
-            (again("repair", str(recorded.path), "-o", "FILE.pddl"), "write the repaired file"),
+            (again("repair", run=recorded), "show all edits together"),
+            (again("repair", "-o", "FILE.pddl", run=recorded), "write the repaired file"),
         )
 
 

@@ -112,10 +112,10 @@ def _print_results(run: Run, *, verbose: bool) -> None:
     from serp.runs.step_account import unsafe_steps
     from serp.runs.tables import read_metrics
 
-    summary, path, recording = run.summary, str(run.path), run.recording()
+    summary, recording = run.summary, run.recording()
     acted = {actor: share for actor, share in summary["shares"].items() if share}
     shares = ", ".join(f"{actor} {percent(share)}" for actor, share in acted.items())
-    show(f"\n{path}: {title(summary)}")
+    show(f"\n{run.path}: {title(summary)}")
     steps = plural(summary["env_steps"], "environment step")
     unsafe = f"{plural(summary['unsafe_executed'], 'unsafe action')} executed, "
     unsafe += f"{plural(summary['unsafe_observed'], 'step')} observed unsafe"
@@ -139,8 +139,10 @@ def _print_results(run: Run, *, verbose: bool) -> None:
         show()
         print_account(summary, summary["sight"])
     print_next(
-        (again("evaluate", path), "how good it is now, without exploration"),
-        (again("plan", path), "what its planner sees, and why"),
-        (again("why", path), "what happened in a step, and the lines behind it"),
-        (again("report", path), "the whole run as one page for the browser"),
+        (again("evaluate", run=run), "how good it is now, without exploration"),
+        (again("plan", run=run), "what its planner sees, and why"),
+        (again("why", run=run), "what happened in a step, and the lines behind it"),
+        (again("report", run=run), "the whole run as one page for the browser"),
+        (again("diagnose", run=run), "what the file predicts wrongly"),
+        (again("export", "-o", "FOLDER", run=run), "its policy, for a robot"),
     )

@@ -130,7 +130,7 @@ def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    first = f"{path}: a preliminary page is ready; pictures follow"
+    first = f"{path}: a preliminary page is ready; pictures follow, if the task draws"
     further = [Run(each) for each in others]
     write_report(open_run(run), path, others=further, on_first=lambda: say(first), **options)
     _print_size(path)
@@ -267,4 +267,5 @@ def export(run: Path, out: Path) -> None:
     from serp.runs.policy import export_policy
 
     export_policy(open_run(run), out)
-    say(f"{out} holds the policy. The robot calls serp.Policy({str(out)!r}).decide(observation)")
+    usage = f"serp.Policy({str(out)!r}, ground=ground).decide(observation)"
+    say(f"{out} holds the policy. The robot calls {usage}")

@@ -129,7 +129,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     show()
     print_table(*comparison.overview())
     show()
-    for line in comparison.results.verdicts:
+    for line in (*comparison.results.rewards, *comparison.results.verdicts):
         show(line)
     print_next(
         (str(path / "report.html"), "the whole comparison on one page"),

@@ -103,7 +103,7 @@ def test_texts_and_pictures_are_no_fluents():
     assert numbers[1].comment == "compute it from observation['image']"
     flat = Observations(env.observation_space)
     read = flat.read({"at": 1, "said": "hello", "image": np.ones((9, 9, 3), np.float32)})
-    assert flat.size == len(read) == 4 + 243 and flat.name(3) == "entry 3 of `at`"
+    assert flat.size == len(read) == 4 + 243 and flat.name(3) == "at = 3"
 
 
 def test_an_environment_of_ones_own_fits_at_once(folder):
@@ -119,6 +119,7 @@ def test_an_environment_of_ones_own_fits_at_once(folder):
     assert "fit together" in checked.output
     assert "1 passed" in CliRunner().invoke(serp, ["test", "my-own-robot.pddl"]).output
     with custom_task("my-own-robot.py").bind() as bound:
+        assert bound.time_limited
         assert len(bound.ground(bound.reset(seed=1)[0])) == 6
         assert bound.step(0)[1] == -1.0 and bound.step(1)[1] == 0.0
 
@@ -134,8 +135,12 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
     assert game.moment.over and game.moment.total > 10
     assert all(cause.what != "unsafe" for cause in played.brought)
     text = written[0].read_text()
+    Path("robot_arm.py").write_text(f"{OWN}\nclass Arm(Robot):\n    def __init__(self, n): ...\n")
     for name, env, said in (
-        ("rail", None, "these exist: .*rail.scenarios"),
+        ("a", "robot_arm.py", "`--env robot_arm.py:Arm`, `--env robot_arm.py:Robot`"),
+        ("a", "robot_arm:Robot", "`--env robot_arm.py:Robot`"),
+        ("a", "robot_arm.py:Arm", "name a function without required arguments"),
+        ("rail", None, "these exist: .*rail.scenarios; choose another name, such as rail-task"),
         ("Rail", None, "small letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),

@@ -16,7 +16,7 @@ from hypothesis import settings as testing
 from hypothesis import strategies as st
 
 import serp
-from serp.errors import RunError
+from serp.errors import RunError, SerpError
 from serp.runs import checkpoint
 from serp.runs.checkpoint import CHECKPOINT
 from serp.runs.diagnosis.diagnosis import diagnose
@@ -50,12 +50,14 @@ def cartpole(cartpole_run, tmp_path_factory):
 
 
 def test_what_a_run_plays_is_decided_alike(run, tmp_path):
-    policy = serp.Policy(serp.export_policy(run, tmp_path / "policy"))
+    folder = serp.export_policy(run, tmp_path / "policy")
+    policy, grounded = serp.Policy(folder), serp.Policy(folder, ground=run.task.ground)
     with run.environment() as task:
         for step in next(play(run.agent, task, episodes=1, seed=3)):
-            decision = policy.decide(task.observation(step.observation), state=step.state)
-            assert decision.action == step.decision.action
-            assert decision.reason == step.decision.reason
+            given = policy.decide(step.observation, state=task.model.values(step.state))
+            for decision in (given, grounded.decide(step.observation)):
+                assert decision.action == step.decision.action
+                assert decision.reason == step.decision.reason
 
 
 def test_an_exported_policy_is_evaluated_as_the_run_is(cartpole_run, cartpole):
@@ -88,13 +90,21 @@ def test_a_grounding_is_checked_by_recorded_pairs(cartpole):
     assert 1 < policy.check_grounding(lambda observation: observation) <= 32
     with pytest.raises(RunError, match="`cart-position`"):
         policy.check_grounding(lambda observation: observation + 1.0)
-    with pytest.raises(RunError, match="finite numbers"):
-        policy.decide([0.0], state=[0.0])
+    with pytest.raises(RunError, match="`cart-position`"):
+        serp.Policy(cartpole, ground=lambda observation: observation + 1.0)
+    for observation, state in (([0.0], [0.0] * 4), ([0.0] * 4, {"pole-angle": 0.0})):
+        with pytest.raises(SerpError, match="4 are wanted|no value for fluent"):
+            policy.decide(observation, state=state)
 
 
 @pytest.mark.parametrize(
     "changes",
-    [{"actions": []}, {"observation": []}, {"ground_actions": [[5], [1]]}, {"ground_actions": {}}],
+    [
+        {"actions": []},
+        {"observation_space": {"Box": {"shape": [3], "dtype": "float32"}}},
+        {"ground_actions": [[5], [1]]},
+        {"ground_actions": {}},
+    ],
     ids=str,
 )
 def test_a_wrong_configuration_with_a_right_digest_is_refused(changes, cartpole, tmp_path):

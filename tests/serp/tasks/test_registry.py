@@ -133,6 +133,9 @@ def test_a_file_belongs_to_the_task_named_like_it_or_its_domain(package, file, n
     assert task.load().name == name
 
 
+ENVIRONMENT = "import gymnasium\nclass Own(gymnasium.Env): ...\n"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
@@ -142,6 +145,7 @@ def test_a_file_belongs_to_the_task_named_like_it_or_its_domain(package, file, n
         ("my_robot.py:serp", "", "`serp` is a module, not a serp.Task"),
         ("my_other.py", "x = 1\ny = nothing\n", r"NameError: name 'nothing' .*my_other.py:2\)"),
         ("my_other.py", "x = 1\n", "holds no serp.Task"),
+        ("my_other.py", ENVIRONMENT, "`serp new NAME --env my_other.py:Own` writes a task"),
         ("my_other.py:f", "def f():\n    return 1\n", "it returned int, not a serp.Task"),
         ("my_other.py:f", "def f():\n    return 1 / 0\n", r"ZeroDivisionError: .*my_other.py:2\)"),
         ("json.py", "x = 1\n", "another module is called `json`"),

@@ -1,6 +1,7 @@
 """A task fits together, or says what does not; no mistake in one is a traceback."""
 
 import dataclasses
+import json
 import sys
 from typing import Any
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
+from serp._util.files import json_text
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.model.domain import load_domain
 from serp.pddl.source import DomainError
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
+from serp.tasks.spaces import Observations, described, space_of
 from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
 from tests.worlds import text
 
@@ -168,6 +171,14 @@ def test_an_answer_of_another_kind_is_named_with_what_is_wanted(tmp_path, answer
         bound.step(1)
 
 
+def test_an_answer_that_a_wrapper_cannot_unpack_is_named_with_what_is_wanted(tmp_path):
+    limited = gym.wrappers.TimeLimit(Odd(step=(SEEN, 0.0, False, {})), 9)
+    bound = corridor(tmp_path, lambda: limited).bind()
+    bound.reset()
+    with pytest.raises(EnvironmentFailure, match="it must return observation, reward"):
+        bound.step(1)
+
+
 def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path):
     space = spaces.Dict(
         at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
@@ -185,6 +196,22 @@ def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_
     ):
         with pytest.raises(EnvironmentFailure, match=said):
             bound.observation({**good, **part})
+
+
+def test_a_space_is_described_in_json_and_its_vector_names_every_number():
+    space = spaces.Dict(
+        b=spaces.Tuple((spaces.Discrete(2, start=3), spaces.Box(0, 255, (1, 2), np.uint8))),
+        a=spaces.MultiDiscrete([[2, 3]], start=[[0, 7]]),
+        c=spaces.MultiBinary(2),
+    )
+    rebuilt = space_of(json.loads(json_text(described(space))))
+    raw = {"a": np.array([[1, 9]]), "b": (4, np.array([[5, 6]])), "c": np.array([1, 0])}
+    vector, observations = Observations(space).read(raw), Observations(rebuilt)
+    assert str(spaces.unflatten(rebuilt, vector)) == str(spaces.unflatten(space, vector))
+    assert [observations.name(k) for k in vector.nonzero()[0]] == [
+        *("b.0 = 4", "entry [0, 0] of `b.1`", "entry [0, 1] of `b.1`"),
+        *("a[0, 0] = 1", "a[0, 1] = 9", "entry 0 of `c`"),
+    ]
 
 
 def test_spaces_that_change_and_observations_that_are_none_are_named(tmp_path):

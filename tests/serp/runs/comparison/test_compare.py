@@ -52,6 +52,9 @@ def test_everything_that_was_asked_for_is_run_and_reported(whole, copy):
     head, rows = again(copy).overview()  # nothing is left to do
     assert [row[0] for row in rows] == ["serp", "dqn"]
     assert {len(row) for row in rows} == {len(head)}
+    (learned,) = again(copy).results.rewards
+    for shown in (learned, (folder / "report.html").read_text()):
+        assert "The learner learns from the " in shown
 
 
 def test_only_what_is_missing_is_run(copy):
@@ -179,6 +182,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
     ("options", "kind", "message"),
     [
         ({"algorithms": ["srep"]}, SettingsError, "did you mean `serp`"),
+        ({"algorithms": ["DQN"]}, SettingsError, "did you mean `dqn`"),
         ({"algorithms": ["dqn:x"]}, SettingsError, "x: expected section.name=value"),
         ({"algorithms": ["absent"]}, RunError, "more memory than there is"),
         ({"algorithms": ["late"]}, SettingsError, "first learns after 61 env steps"),

@@ -17,7 +17,10 @@ def test_a_file_that_does_not_fit_its_task_is_warned_of(run, folder):
     assert in_degrees != text
     Path("cartpole.pddl").write_text(in_degrees)
     shown = run("check", "cartpole.pddl").stdout
-    assert "task cartpole: environment, grounding and actions fit together" in shown
+    assert (
+        "grounding and actions fit together; no step was tried" in shown
+        and "time limit" not in shown
+    )
     (line,) = (line for line in shown.splitlines() if line.startswith("  warning"))
     assert "`(> (pole-angle) 12)`: the observations of the task give `pole-angle` values" in line
     assert "from −0.52" in line and "is 12 in the same unit?" in line

@@ -57,8 +57,11 @@ def test_a_signal_ends_the_run_with_the_episode(number, run, trained, monkeypatc
 def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run, robot):
     assert "walkway" not in run("list").stdout
     assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
-    assert "fit together" in run("check", "--task=my_robot.py").stdout
-    run("plan-and-learn", "--task=my_robot.py", "--episodes=1", "--out=runs/one", *QUICK)
+    checked = run("check", "--task=my_robot.py").stdout
+    assert "no name for environment action `3`" in checked and "has no time limit" in checked
+    begun = run("plan-and-learn", "--task=my_robot.py", "--env-steps=9", "--out=runs/one", *QUICK)
+    assert "has no time limit" in begun.stderr
+    assert "serp export runs/one -o FOLDER" in begun.stdout
     for named in ((), ("--task=my_robot:walkway",)):
         assert "mean return" in run("evaluate", "runs/one", "--episodes=1", *named).stdout
     shown = run("plan", "runs/one").stdout
@@ -78,7 +81,8 @@ def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monk
     monkeypatch.setenv("XDG_CONFIG_HOME", "somebody-else")
     run("report", "one", expect=1)
     robot.unlink()
-    assert "there is no task `walkway`" in run("evaluate", "one", expect=1).stderr
+    told = run("evaluate", "one", "--episodes=1", expect=1).stderr
+    assert f"was made of the task in {robot.resolve()}; give it by --task" in told
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):
