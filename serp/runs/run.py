@@ -163,10 +163,11 @@ class Run(Closing):
         if not self.made.file_rewards:
             return "the environment's reward; the domain file gives none"
         if self.made.world is not None:
-            return "the rewards of the domain file, for what really happened"
+            return "the rewards of the domain file, computed from what actually happened"
         return (
-            "the environment's reward; the planner uses the file's. With training.reward=sum the "
-            "learner uses both, with training.reward=domain the file's alone"
+            "the environment's reward, and the planner plans with the file's. With "
+            "training.reward=sum the learner learns from both, with training.reward=domain only "
+            "from the file's"
         )
 
     @property
