@@ -126,8 +126,7 @@ def described(space: Any) -> dict[str, Any]:
         return {"Text": {"max_length": 1}}
     for kind, names in _DESCRIBED.items():
         if isinstance(space, getattr(spaces, kind)):
-            given = {name: getattr(space, name) for name in names}
-            return {kind: {k: str(v) if k == "dtype" else v for k, v in given.items()}}
+            return {kind: {name: getattr(space, name) for name in names}}
     raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
 
 
@@ -146,12 +145,8 @@ def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
     return made
 
 
-_DESCRIBED = {
-    "Box": ("shape", "dtype"),
-    "Discrete": ("n", "start"),
-    "MultiDiscrete": ("nvec", "start"),
-    "MultiBinary": ("n",),
-}
+_DESCRIBED = {"Box": ("shape", "dtype"), "Discrete": ("n", "start"),
+              "MultiDiscrete": ("nvec", "start"), "MultiBinary": ("n",)}  # fmt: skip
 
 
 def is_text(space: Any) -> bool:
