@@ -138,9 +138,9 @@ def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
     if kind == "Tuple":
         return spaces.Tuple([space_of(part) for part in given])
     if kind == "Box":
-        whole = np.dtype(given["dtype"]).kind in "iu" and np.iinfo(given["dtype"])
-        bounds = (whole.min, whole.max) if whole else (-np.inf, np.inf)
-        given = {"low": bounds[0], "high": bounds[1], **given}
+        unlike, of = {"f": (-np.inf, np.inf), "b": (0, 1)}, np.dtype(given["dtype"])
+        low, high = unlike.get(of.kind) or (np.iinfo(of).min, np.iinfo(of).max)
+        given = {"low": low, "high": high, **given}
     made: spaces.Space[Any] = getattr(spaces, kind)(**given)
     return made
 
