@@ -89,7 +89,7 @@ class Agent:
         make_learner = find_learner(settings.learner.name, task.task.learners)
         if settings.planner.discount >= 1.0:
             raise SettingsError(
-                "planner.discount: with a learner, it must be less than 1, such as 0.999"
+                "planner.discount: with a learner, it must be less than 1, for example 0.999"
             )
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)

@@ -35,7 +35,7 @@ class Reason(StrEnum):
     UNSAFE = "proposal predicted unsafe"
     TOO_RISKY = "proposal predicted too risky"
     UNSAFE_AHEAD = "proposal predicted to make an unsafe step unavoidable"
-    FEW_WAYS_ON = "proposal predicted to leave too few safe ways on"
+    FEW_WAYS_ON = "proposal predicted to leave too few safe continuations"
     LOW_REWARD = "proposal predicted below R_min"
     UNMODELLED = "proposal unknown to the model"
     LEAST_RISK = "every action is predicted too risky"

@@ -21,7 +21,7 @@ TO_THE_UNKNOWN: Final = (
 )
 """What the bound `UNKNOWN` of a planner's sight means."""
 PARTIAL: Final = (
-    "The planner did not see to the end of the task; partial returns leave out what comes later."
+    "The planner did not see as far as the end of the task; partial returns omit what comes later."
 )
 """What a bound that is `partial` means."""
 
@@ -127,8 +127,8 @@ def special_about(forecast: Forecast) -> list[str]:
         )
     else:
         sentences.append(
-            "Every path leads to something unsafe. The path that stays safe the longest, for "
-            f"{plural(steps, 'control period')}, is taken."
+            "Every path leads to something unsafe. The planner takes the path that stays safe the "
+            f"longest: {plural(steps, 'control period')}."
         )
     return sentences
 

@@ -181,8 +181,8 @@ class VetoPolicy(Declared):
         parts = []
         if self.foreseen or self.unforeseen:
             parts.append(
-                f"Of the unflagged steps, {self.foreseen:.1f} were expected to be unsafe by the "
-                f"learned risks, and {self.unforeseen:,} were observed unsafe"
+                "Among steps that the file did not flag, the learned risks predicted "
+                f"{self.foreseen:.1f} unsafe ones, and {self.unforeseen:,} were observed"
             )
         if self.held_back:
             parts.append(

@@ -54,8 +54,8 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     name = path.name
     if not _NAME.fullmatch(name):
         raise TaskError(
-            f"{path}: `{name}` cannot be a task's name; begin with a letter, then use small "
-            "letters, digits, `-` and `_`, as in delivery-robot"
+            f"{path}: `{name}` cannot be a task's name; begin with a letter, then use "
+            "lower-case letters, digits, `-` and `_`, as in delivery-robot"
         )
     if not path.parent.is_dir():
         raise TaskError(f"{path}: there is no folder {path.parent}")

@@ -292,8 +292,8 @@ class _Instantiation:
                 f"`({' '.join(key)})` has no value, so forms that read it never apply: "
                 f"{listed(names, 3)}",
                 "missing-value",
-                advice=f"the problem gives values to other instances of `{key[0]}`; add "
-                f"`(= ({' '.join(key)}) ...)` to its :init where it should apply",
+                advice=f"the problem file gives values to other instances of `{key[0]}`; if the "
+                f"forms should apply, add `(= ({' '.join(key)}) ...)` to its :init",
             )
 
     def _complete_instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:

@@ -53,7 +53,7 @@ class StateSpace:
             StateError: A fluent is missing, unknown, or its value is not a finite number.
         """
         if not isinstance(values, Mapping):
-            raise StateError(f"a state must be a mapping fluent name → value, not {values!r}")
+            raise StateError(f"a state must map fluent names to values, not {values!r}")
         if values.keys() != self._index.keys():
             self.check_names(values)
         state = np.empty(len(self.fluents))

@@ -360,7 +360,7 @@ def what_would_differ(account: StepAccount) -> list[str]:
         lines += lines_of_changes(choices)
         if refused and vetoes is None:
             lines.append(f"{proposed} is not refused now, because the model has changed since.")
-        lines.append(f"{choices.searched} Planned again with {account.ahead_by}.")
+        lines.append(f"{choices.searched} The plans were computed again with {account.ahead_by}.")
     return lines
 
 

@@ -145,8 +145,8 @@ def _only(module: ModuleType, name: str) -> Any:
         write = f"`serp new NAME --env {name}:{own[0]}` writes a task for `{own[0]}`"
         raise TaskError(f"--task {name}: it holds no task, but an environment; {write}")
     raise TaskError(
-        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; write "
-        f"`--task {name}:FUNCTION`"
+        f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; if a "
+        f"function without this annotation returns the task, write `--task {name}:FUNCTION`"
     )
 
 

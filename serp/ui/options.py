@@ -231,7 +231,7 @@ def asked_task(domain: str | None) -> Task:
         return task
     file = find_domain_file(domain)
     if file is None:
-        raise SerpError(f"--domain {domain}: with --task, give a domain file")
+        raise SerpError(f"--domain {domain}: with --task, this must be a domain file, not a task")
     return dataclasses.replace(task, domain=file, problem=None)
 
 

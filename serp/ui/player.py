@@ -177,8 +177,8 @@ class Player:
         A scenario with the same title is replaced.
         """
         if not self.own_file:
-            name = Path(self.domain.source.name).name
-            raise SerpError(f"{name} is the file of an installed task; play a copy of it")
+            why = f"{Path(self.domain.source.name).name} belongs to an installed task"
+            raise SerpError(f"{why}, so no scenario is saved beside it; play a copy of the file")
         file, moment = scenarios_beside(self.domain), self.game.moment
         source = Source.read(file) if file.exists() else Source(str(file), "")
         known = {**self.begun, **self.game.values}

@@ -133,8 +133,8 @@ def run_jobs(
     )
     if here and not local:
         raise RunError(
-            f"engine {request.engine}: {why}. Put them into a module that is installed there, or "
-            "leave --engine out."
+            f"engine {request.engine}: {why}. Put them into a module that is installed on the "
+            "engine's machines, or leave out --engine."
         )
     if here and most != 1:
         say(f"The trials run one after another: {why}.")

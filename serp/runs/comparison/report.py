@@ -118,7 +118,7 @@ def overview(results: Results) -> Content:
     measures = [m for name in names for m in results.measures if m.name == name]
     (first, *head), rows = _measured(results, measures)
     told = [[name, given(name), *cells] for name, *cells in rows]
-    return [first, "uses besides observations and rewards", *head], told
+    return [first, "also uses", *head], told
 
 
 def latex(content: Content) -> str:

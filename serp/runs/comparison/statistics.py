@@ -54,7 +54,7 @@ MEASURES: Final = (
     Measure("last_20", "last 20 episodes",
             "Mean return of the last 20 training episodes (of all, if there are fewer).",
             "higher", "returns", True),
-    Measure("threshold_env_steps", "env steps to the threshold",
+    Measure("threshold_env_steps", "env steps to the return threshold",
             "Env steps until the mean return of 20 training episodes in a row first reaches the "
             "threshold. If it is never reached, statistics use the whole budget. With fewer than "
             "20 episodes, there is no value.",

@@ -213,7 +213,7 @@ class RuleFinding(_OfFluent):
         observed = readable(self.observed)
         if not self.schema:
             if ends:
-                return f"the task ended in {unpredicted} for which no line predicted an end"
+                return f"in {unpredicted} the task ended although no line predicted an end"
             return f"no line predicted the reward in {unpredicted} ({observed} on average)"
         if not self.predicted:
             reward = "" if ends else f", with reward {observed} on average"

@@ -243,13 +243,13 @@ class _Writer:
     ) -> list[Edit]:
         """Return the edits that add terms to the value that is assigned."""
         self.changes.append(effect.place.line)
-        evidence = f"assigned as written; further terms found in {missing.samples:,} steps"
+        old = effect.value.place
+        evidence = f"{old.text} as written; more terms found in {missing.samples:,} steps"
         edits = [self._comment_above(effect.place, evidence)]
-        start, end = effect.value.place.start, effect.value.place.end
         for term in terms:  # the first one innermost
             sign = "-" if term.coefficient < 0 else "+"
-            edits.insert(1, Edit(start, start, f"({sign} "))
-            edits.append(Edit(end, end, f" {term.size})"))
+            edits.insert(1, Edit(old.start, old.start, f"({sign} "))
+            edits.append(Edit(old.end, old.end, f" {term.size})"))
         return edits
 
     def _effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:

@@ -96,7 +96,7 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
             say(str(error))
             wrong += 1
     done = "would change" if check or diff else "formatted"
-    say(f"{plural(changed, 'file')} {done}, {len(files) - changed - wrong} already formatted")
+    say(f"{plural(changed, 'file')} {done}; {len(files) - changed - wrong} are already formatted")
     return 1 if wrong or (check and changed) else 0
 
 

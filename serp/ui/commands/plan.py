@@ -60,8 +60,8 @@ if TYPE_CHECKING:
 @setting_option("--planner", "planner.name", metavar="NAME",
                 what="Planner to use.  [default: the planner of a training]")  # fmt: skip
 @setting_option("--depth", "planner.depth", metavar="N",
-                what="Actions to look ahead, if the planner does not see to the end of the task.  "
-                     "[default: the task's, else 5]")  # fmt: skip
+                what="Number of actions to look ahead, if the planner does not see as far as the "
+                     "end of the task.  [default: the task's, else 5]")  # fmt: skip
 @dt_option
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",

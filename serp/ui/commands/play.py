@@ -43,7 +43,7 @@ from serp.ui.output import show
 @seed_option("Seed of the disturbances.")
 @dt_option
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="Planner of `?` and `p`.  [default: that of the preset]")  # fmt: skip
+                what="Planner of the commands `?` and `p`.  [default: the preset's]")  # fmt: skip
 @settings_option
 def play(
     name: str,

@@ -92,7 +92,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     refused = account.proposed if account.step.decision.vetoed else ""
     print_explanation(account.account, [], refused)
     if account.ahead_by:
-        show(f"Later steps were planned again with {account.ahead_by}.")
+        show(f"What this says about later steps was computed again, with {account.ahead_by}.")
     else:
         show("Later steps are not shown, because the model of that time has changed since.")
     differences = what_would_differ(account)
@@ -130,7 +130,7 @@ def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any
     from serp.ui.report.report import write_report
 
     path = out or run / "report.html"
-    first = f"{path}: a preliminary page is ready; pictures follow, if the task draws"
+    first = f"{path}: a preliminary page is ready; pictures follow if the task has any"
     further = [Run(each) for each in others]
     write_report(open_run(run), path, others=further, on_first=lambda: say(first), **options)
     _print_size(path)
@@ -180,8 +180,8 @@ def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool)
         interval = f", 95 % interval {low} to {high}"
     rows = [
         ("mean return", f"{readable(result['mean'])}{interval}"),
-        ("spread", f"standard deviation {readable(result['std'])}, {readable(result['min'])} to "
-                   f"{readable(result['max'])}, median {readable(result['median'])}"),
+        ("spread", f"standard deviation {readable(result['std'])}, lowest {readable(result['min'])}"
+                   f", median {readable(result['median'])}, highest {readable(result['max'])}"),
         ("terminated", f"{result['terminated']} of {episodes} episodes"),
         ("unsafe", unsafe),
         ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
@@ -233,7 +233,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
 @policy_option
 @click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
               help="Episodes to show.")  # fmt: skip
-@seed_option("Seed of the environment; with the same seed, `serp evaluate` has the same episodes.")
+@seed_option("Seed of the environment; `serp evaluate` plays the same episodes with the same seed.")
 @click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
               help="The film to write.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
 def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:

@@ -40,7 +40,7 @@ def test_a_situation_is_saved_as_a_scenario_that_holds(run, walk):
     assert "scenario at the shop\n  ; played by hand, after 1 step\n  not (at home)\n" in written
     assert "2 passed" in run("test", "walk.pddl").stdout
     told = typed("save a", "cartpole", expect=1)
-    assert "line 1: cartpole.pddl is the file of an installed task; play a copy" in told
+    assert "no scenario is saved beside it; play a copy of the file" in told
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no pseudo-terminals")
