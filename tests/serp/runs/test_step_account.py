@@ -82,13 +82,9 @@ def test_what_would_have_had_to_differ_is_right(run):
 
 def test_a_proposal_that_was_executed_anyway_was_not_refused():
     reasons = [Reason.UNSAFE, Reason.NO_SAFE_ACTION, Reason.ACCEPTED]
-    columns = {
-        "reason": np.array([REASONS.index(reason) for reason in reasons]),
-        "proposed_by": np.full(3, ACTORS.index(Actor.LEARNER)),
-        "proposed": np.array([0, 1, 1]),
-        "action": np.array([1, 1, 1]),
-        "unsafe": np.zeros(3, bool),
-    }
+    columns = {"proposed": np.array([0, 1, 1]), "action": np.ones(3), "unsafe": np.zeros(3, bool)}
+    columns["reason"] = np.array([REASONS.index(reason) for reason in reasons])
+    columns["proposed_by"] = np.full(3, ACTORS.index(Actor.LEARNER))
     assert most_telling(SimpleNamespace(columns=lambda *names: columns))[0] == 0
 
 
