@@ -173,8 +173,7 @@ def test_an_answer_of_another_kind_is_named_with_what_is_wanted(tmp_path, answer
 
 def test_an_answer_that_a_wrapper_cannot_unpack_is_named_with_what_is_wanted(tmp_path):
     limited = gym.wrappers.TimeLimit(Odd(step=(SEEN, 0.0, False, {})), 9)
-    bound = corridor(tmp_path, lambda: limited).bind()
-    bound.reset()
+    (bound := corridor(tmp_path, lambda: limited).bind()).reset()
     with pytest.raises(EnvironmentFailure, match="it must return observation, reward"):
         bound.step(1)
 
