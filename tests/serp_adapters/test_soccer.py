@@ -19,17 +19,16 @@ from serp_envs.soccer.fields import SPL_2020
 
 
 class Kind(NamedTuple):
-    """A task: its module, its observations, its unsafe action, its fluents of the moment."""
+    """A task: its module, its observations, its unsafe action."""
 
     module: ModuleType
     space: Any
     charge: int
-    momentary: tuple[int, ...]
 
 
 KINDS = {
-    "soccer": Kind(defender, Contest(SPL_2020).observation_space, 4, (4, 5)),
-    "corner-kick": Kind(corner_kick, CornerKick(SPL_2020).observation_space, 5, (1,)),
+    "soccer": Kind(defender, Contest(SPL_2020).observation_space, 4),
+    "corner-kick": Kind(corner_kick, CornerKick(SPL_2020).observation_space, 5),
 }
 
 

@@ -140,11 +140,6 @@ def test_the_steps_of_two_environments_do_not_mix(first, second, n):
     assert [s for s in found if s[0][0] >= 1000] == expected_samples(lanes[1], n)
 
 
-@given(st.integers(1, 2**53))
-def test_no_draw_reaches_the_size(size):
-    assert int((1.0 - 2.0**-53) * size) < size
-
-
 def test_draws_are_uniform():
     memory = buffer(buffer_size=10, n_step=2)
     feed(memory, [Step(i) for i in range(5)])

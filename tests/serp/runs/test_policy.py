@@ -9,11 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import settings as testing
-from hypothesis import strategies as st
 
 import serp
 from serp.errors import RunError, SerpError
@@ -134,22 +130,6 @@ def test_a_changed_file_is_refused(name, cartpole, tmp_path):
         serp.Policy(folder)
     (folder / name).unlink()
     with pytest.raises(RunError, match="cannot read|there is no"):
-        serp.Policy(folder)
-
-
-@testing(deadline=None, max_examples=30)
-@given(st.data())
-def test_forged_arrays_are_refused(cartpole, tmp_path_factory, data):
-    """Any array that is missing or has another shape is refused by name, with a right digest."""
-    folder = shutil.copytree(cartpole, tmp_path_factory.mktemp("forged") / "policy")
-    arrays, meta = checkpoint.load(folder / CHECKPOINT)
-    name = data.draw(st.sampled_from(sorted(arrays)))
-    if data.draw(st.booleans()):
-        del arrays[name]
-    else:
-        arrays[name] = np.zeros((*arrays[name].shape, 2), arrays[name].dtype)
-    checkpoint.save(folder / CHECKPOINT, arrays, meta)
-    with pytest.raises(RunError):
         serp.Policy(folder)
 
 

@@ -18,7 +18,7 @@ class Terminal(io.StringIO):
 
 @pytest.mark.parametrize("base", [Terminal, io.StringIO])
 def test_a_reader_that_goes_away_does_not_end_the_run(base, monkeypatch):
-    """Nor does a stream that is closed; `test_first_use` closes a real terminal."""
+    """Nor does a stream that is closed."""
     monkeypatch.setenv("TERM", "xterm")
 
     class Broken(base):

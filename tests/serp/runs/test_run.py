@@ -83,7 +83,6 @@ def test_a_run_is_an_option_that_ends_where_its_file_does(tmp_path):
     ("changes", "settings", "kind", "said"),
     [
         ({"actions": {"left": 0}}, {}, TaskError, "no environment action"),
-        ({}, {"arbiter": {"roh": 1.0}}, SettingsError, "did you mean `rho`"),
         ({}, {"learner": {"buffer_size": 10**13}}, SettingsError, "do not fit into memory"),
         ({}, {"learner": {"hidden": [10**9]}}, SettingsError, "do not fit into memory"),
     ],

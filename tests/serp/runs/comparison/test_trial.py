@@ -140,7 +140,6 @@ def test_a_masked_one_is_evaluated_within_the_masks(tmp_path, external):
     [
         ("lazy", "`lazy` ended after 120 of 130 env steps"),
         ("faulty", "`faulty` failed: ValueError: expected scalar type"),
-        ("absent", "^it needs more memory than there is"),
     ],
 )
 def test_one_that_fails_is_named(tmp_path, external, name, message):

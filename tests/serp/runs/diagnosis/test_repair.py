@@ -159,11 +159,6 @@ def domain_of(name):
     return from_text((DOMAINS / f"{name}.pddl").read_text(encoding="utf-8"))
 
 
-@functools.cache
-def lifted_model_of(name):
-    return LiftedModel(domain_of(name).model.ground)
-
-
 # Two digits, so that nothing is lost where it is written, and none that is about 0 or 1.
 NUMBERS = st.integers(-400, 400).map(lambda k: k / 100).filter(lambda x: 0.05 < abs(x - 1) < 3.5)
 NUMBERS = NUMBERS.filter(lambda x: abs(x) > 0.05)
@@ -190,8 +185,8 @@ def terms_of(draw, scope, numeric, own):
 @st.composite
 def findings_of(draw, name):
     """Anything that could be found of a file."""
-    domain, lifted = domain_of(name), lifted_model_of(name)
-    model = domain.model
+    model = domain_of(name).model
+    lifted = LiftedModel(model.ground)
     known = parameter_dependencies(model.ground)
     some = draw(st.sets(st.integers(0, len(known) - 1), max_size=4)) if known else set()
     numbers = [

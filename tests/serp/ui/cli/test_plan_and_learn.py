@@ -41,9 +41,9 @@ def signals_in(monkeypatch, number, *steps):
     monkeypatch.setattr(BoundTask, "step", step)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_with_the_episode(number, run, trained, monkeypatch):
-    """Ctrl-C, and what a scheduler sends; `test_first_use` closes the terminal."""
+    """Ctrl-C, what a scheduler sends, and what a terminal sends that is closed."""
     signals_in(monkeypatch, number, 20)
     shown = run(*TRAIN, "--episodes=4", "--out=r", expect=128 + number).stderr
     assert "everything is saved in r" in shown

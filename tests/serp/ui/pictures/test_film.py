@@ -71,10 +71,6 @@ def test_every_step_that_an_evaluation_measures_has_a_frame_that_says_who_acts(
     assert len(shown) == sum(measured.lengths)
 
 
-def frames_of(run, folder):
-    return list(film(run.agent, bound(folder), episodes=2))
-
-
 def files_of(run):
     """All files of a run but those of evaluations."""
     files = (path for path in run.path.rglob("*") if path.is_file())
@@ -98,7 +94,7 @@ def test_an_mp4_lasts_as_long_as_the_film(run, tmp_path):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")
     path = tmp_path / "x.mp4"
     write_film(run, path, episodes=2)
-    filmed = frames_of(run, tmp_path)
+    filmed = list(film(run.agent, bound(tmp_path), episodes=2))
     _, seconds = ffmpeg.count_frames_and_secs(str(path))
     assert seconds == pytest.approx(sum(frame.seconds for frame in filmed), abs=0.2)
     (size,) = {frame.image.size for frame in filmed}
