@@ -86,7 +86,8 @@ def panel(name: str, seen: list[Frame]) -> Image.Image:
     """Return one panel, with the name of the action above it."""
     picture = Image.fromarray(faded(seen))
     (x, y), _ = seen[0].circles[0]
-    middle = x, y + AROUND // 3  # the goal is below
+    # The goal is below. Outside of the picture nothing is shown.
+    middle = x, min(y + AROUND // 3, picture.height - AROUND)
     box = (middle[0] - AROUND, middle[1] - AROUND, middle[0] + AROUND, middle[1] + AROUND)
     shown = picture.crop(box).resize((WIDTH, WIDTH), Image.Resampling.LANCZOS)
     whole = Image.new("RGB", (WIDTH, WIDTH + BAND), (22, 26, 34))

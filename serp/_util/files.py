@@ -272,6 +272,6 @@ def as_json(value: object) -> Any:
         return value.tolist()
     if isinstance(value, Enum):
         return value.value
-    if isinstance(value, Path):
+    if isinstance(value, Path | np.dtype):
         return str(value)
     raise TypeError(f"a {type(value).__name__} cannot be written as JSON")

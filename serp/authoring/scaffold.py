@@ -30,6 +30,7 @@ from serp._util.files import write_together
 from serp._util.numbers import real
 from serp.errors import TaskError
 from serp.pddl.scope import RESERVED_WORDS
+from serp.tasks.environment import takes
 from serp.tasks.registry import attribute_of, environments_of, import_file, task_like
 from serp.tasks.spaces import ActionSpace, Observations, is_text
 
@@ -91,19 +92,16 @@ def _made(name: str) -> Iterator[tuple[gym.Env[Any, Any], dict[str, str]]]:
     `gymnasium.make`, such as `CartPole-v1` or `highway_env:highway-fast-v0`.
     """
     file, colon, attribute = name.partition(".py:")
-    module = name.removesuffix(".py").partition(":")[0]
-    if not colon and Path(f"{module}.py").is_file():
-        meant = environments_of(import_file(Path(f"{module}.py"), f"--env {name}"))
-        classes = listed(f"--env {module}.py:{each}" for each in meant or ("FUNCTION",))
+    module, _, part = name.removesuffix(".py").partition(":")
+    near = Path(f"{module}.py")
+    if not colon and near.is_file() and (name.endswith(".py") or part.isidentifier()):
+        meant = environments_of(import_file(near, f"--env {name}")) or ["FUNCTION"]
+        classes = listed(f"--env {near}:{each}" for each in meant)
         raise TaskError(f"--env {name}: name a class or a function of the file: {classes}")
     if colon:
         make = _of_file(f"--env {name}", Path(f"{file}.py"), attribute)
         imports, call = f"from {file} import {attribute}\n", f"{attribute}("
-        taken = inspect.signature(make).parameters.values()
-        pictures = any(
-            each.name == "render_mode" or each.kind is each.VAR_KEYWORD for each in taken
-        )
-        options = "**options" if pictures else ""
+        options = "**options" if takes(make, "render_mode") else ""
     else:
         if str(Path().resolve()) not in sys.path:
             sys.path.append(str(Path().resolve()))  # for `module:ID`

@@ -150,10 +150,8 @@ class Policy:
             width, size = len(self.fluents), task.observation_size
             observations = saved.array("grounding.observation", np.float64, (-1, size))
             states = saved.array("grounding.state", np.float64, (len(observations), width))
-            space, whole = (
-                task.observations.space,
-                size == gym.spaces.flatdim(task.observations.space),
-            )
+            space = task.observations.space
+            whole = size == gym.spaces.flatdim(space)  # without texts
             raw = [gym.spaces.unflatten(space, one) for one in observations if whole]
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise RunError(
@@ -162,7 +160,7 @@ class Policy:
             ) from None
         except SerpError as error:
             raise RunError(f"{folder}: {error}") from None
-        self._pairs = list(zip(raw, states, strict=False))  # there are none without the texts
+        self._pairs = list(zip(raw, states, strict=False))
         if ground is not None:
             self.check_grounding(ground)
             self.agent.task = self._grounded_by(ground)
@@ -223,7 +221,7 @@ def _task(run: Run, about: Mapping[str, Any]) -> Task:
     made, model = run.made, run.model
     groups = enumerate(about["ground_actions"])
     return Task(
-        make_env=lambda: _Spaces(space_of(about["observation_space"]), len(about["actions"])),
+        make_env=lambda: _spaces(space_of(about["observation_space"]), len(about["actions"])),
         domain=run.domain,
         ground=lambda observation: np.zeros(len(model.fluents)),
         name=made.task,
@@ -234,9 +232,8 @@ def _task(run: Run, about: Mapping[str, Any]) -> Task:
     )
 
 
-class _Spaces(gym.Env[Any, Any]):
-    """An environment that only says what observations and actions are."""
-
-    def __init__(self, observation: gym.Space[Any], actions: int) -> None:
-        self.observation_space = observation
-        self.action_space = gym.spaces.Discrete(actions)
+def _spaces(observation: gym.Space[Any], actions: int) -> gym.Env[Any, Any]:
+    """Return an environment that only says what observations and actions are."""
+    env: gym.Env[Any, Any] = gym.Env()
+    env.observation_space, env.action_space = observation, gym.spaces.Discrete(actions)
+    return env

@@ -195,11 +195,8 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
             progress.note(f"The learner learns from {run.learned_reward}.")
             longest = trainer.settings.training.episode_steps
             if longest > (budget.env_steps or longest) and not trainer.task.time_limited:
-                progress.note(
-                    "The environment has no time limit: an episode that it does not end takes "
-                    f"{longest:,} env steps (training.episode_steps), more than the budget; "
-                    "gymnasium.wrappers.TimeLimit sets a limit."
-                )
+                text = f"an episode may take {longest:,} env steps (training.episode_steps)"
+                progress.note(f"The environment states no time limit, so {text}.")
             if trainer.agent.adaptation.notice is not None:
                 progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):

@@ -131,7 +131,7 @@ class BoundTask(Closing):
                 f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
                 "its steps"
             )
-        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
+        if render_mode is not None and not takes(self.task.make_env, "render_mode"):
             raise TaskError(
                 f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
                 "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
@@ -268,7 +268,7 @@ class BoundTask(Closing):
             ) from error
 
 
-def _takes(function: Callable[..., Any], name: str) -> bool:
+def takes(function: Callable[..., Any], name: str) -> bool:
     """Return whether a function accepts a keyword argument, by its signature."""
     try:
         accepts = inspect.signature(function).parameters

@@ -126,8 +126,7 @@ def described(space: Any) -> dict[str, Any]:
         return {"Text": {"max_length": 1}}
     for kind, names in _DESCRIBED.items():
         if isinstance(space, getattr(spaces, kind)):
-            given = {name: getattr(space, name) for name in names}
-            return {kind: {k: str(v) if k == "dtype" else v for k, v in given.items()}}
+            return {kind: {name: getattr(space, name) for name in names}}
     raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
 
 
@@ -139,19 +138,15 @@ def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
     if kind == "Tuple":
         return spaces.Tuple([space_of(part) for part in given])
     if kind == "Box":
-        whole = np.dtype(given["dtype"]).kind in "iu" and np.iinfo(given["dtype"])
-        bounds = (whole.min, whole.max) if whole else (-np.inf, np.inf)
-        given = {"low": bounds[0], "high": bounds[1], **given}
+        unlike, of = {"f": (-np.inf, np.inf), "b": (0, 1)}, np.dtype(given["dtype"])
+        low, high = unlike.get(of.kind) or (np.iinfo(of).min, np.iinfo(of).max)
+        given = {"low": low, "high": high, **given}
     made: spaces.Space[Any] = getattr(spaces, kind)(**given)
     return made
 
 
-_DESCRIBED = {
-    "Box": ("shape", "dtype"),
-    "Discrete": ("n", "start"),
-    "MultiDiscrete": ("nvec", "start"),
-    "MultiBinary": ("n",),
-}
+_DESCRIBED = {"Box": ("shape", "dtype"), "Discrete": ("n", "start"),
+              "MultiDiscrete": ("nvec", "start"), "MultiBinary": ("n",)}  # fmt: skip
 
 
 def is_text(space: Any) -> bool:

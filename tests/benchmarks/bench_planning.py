@@ -1,13 +1,11 @@
-"""How fast the planner is: beside C, with what a run learned, and on a closed graph.
+"""How fast the planner is: beside C, and on a closed graph.
 
-    python -m tests.benchmarks.bench_planning [--rounds 9] [--train 1500]
-        [--only lookahead,adapted,closed]
+    python -m tests.benchmarks.bench_planning [--rounds 9] [--only lookahead,closed]
 
 `lookahead`: a lookahead of depth 5 in the file of cart-pole with 3 and 5 actions, and the same
-search written by hand in C (`cc -O2`); both have to return the same values. `adapted`: a lookahead
-in the model that a short training has adapted, and in the file, on visited states of soccer and
-swing-up. `closed`: expanding and solving the graph of a taxi in a larger town. What is compared
-takes turns in one process. Times are medians of processor time.
+search written by hand in C (`cc -O2`); both have to return the same values. `closed`: expanding
+and solving the graph of a taxi in a larger town. What is compared takes turns in one process. Times
+are medians of processor time.
 """
 
 from __future__ import annotations
@@ -27,9 +25,7 @@ from serp.model.domain import load_domain
 from serp.model.transition_model import TransitionModel
 from serp.planning.closed_graph import ClosedGraph
 from serp.planning.lookahead import Lookahead
-from serp.runs.trainer import Trainer
-from serp.settings import PlannerSettings, resolve
-from serp.tasks.registry import load_task
+from serp.settings import PlannerSettings
 
 DOMAINS = Path(__file__).parents[2] / "domains"
 PUSHES = {"rest": 0.0, "half-left": -0.5, "half-right": 0.5}
@@ -98,43 +94,6 @@ def beside_c(rounds: int, folder: Path) -> None:
         )
 
 
-# Adapted and written ---------------------------------------------------------------------------
-
-
-def adapted(name: str, rounds: int, train: int) -> None:
-    """Compare lookaheads in the adapted model and in the file."""
-    states: list[Any] = []
-    with load_task(name).bind() as task:
-        settings = resolve("default", task.task.settings)
-        with Trainer(task, settings, 0) as trainer:
-            trainer.on_step = lambda step: states.append(step.state)
-            while trainer.env_steps < train:
-                next(trainer.run())
-            models = (task.model, trainer.agent.adaptation.model)
-            visited = np.random.default_rng(0).permutation(np.array(states))[:100]
-            lookaheads = [Lookahead(model, settings.planner) for model in models]
-            edges = np.zeros(2)
-
-            def all_states(k: int) -> None:
-                edges[k] = 0
-                for state in visited:
-                    lookaheads[k].forecast(state)
-                    edges[k] += lookaheads[k].followed
-
-            seconds = medians(rounds, lambda: all_states(0), lambda: all_states(1))
-    micros, each = 1e6 * np.array(seconds) / len(visited), edges / len(visited)
-    for label, micro, count in zip(("written", "adapted"), micros, each, strict=True):
-        print(
-            f"{name}, {label}: a lookahead {micro:.1f} µs, {count:.0f} edges, "
-            f"{micro / count:.3f} µs an edge"
-        )
-    per_edge = micros / each
-    print(
-        f"{name}, adapted / written: a lookahead {micros[1] / micros[0]:.2f}, "
-        f"an edge {per_edge[1] / per_edge[0]:.2f}"
-    )
-
-
 # Closed graph ----------------------------------------------------------------------------------
 
 
@@ -168,17 +127,13 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--train", type=int, default=1500)
-    parser.add_argument("--only", default="lookahead,adapted,closed")
+    parser.add_argument("--only", default="lookahead,closed")
     options = parser.parse_args()
     wanted = options.only.split(",")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         if "lookahead" in wanted:
             beside_c(options.rounds, folder)
-        if "adapted" in wanted:
-            for task in ("swing-up", "soccer"):
-                adapted(task, options.rounds, options.train)
         if "closed" in wanted:
             closed(options.rounds, folder)
 

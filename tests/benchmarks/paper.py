@@ -43,11 +43,11 @@ SHOWN = {
     MRP: ("MrP", PALETTE["purple"][0], "--"),
 }
 """Algorithm → its name in the paper, colour, dashes."""
-MEASURES = ("first_50", "last_20", "final_policy", "unsafe", "avoidable_unsafe")
+MEASURES = ("first_50", "last_fifth", "final_policy", "unsafe", "avoidable_unsafe")
 ACTIONS = ("cover-goal", "side-advance left", "side-advance right", "frontal-contrast")
-POINTS = [f"at {4 * point} %" for point in range(1, 26)]
-"""Columns of a training curve: the mean of 20 episodes, after a share of the env steps."""
-COLUMNS = ("panel", *Trial._fields, "episodes", *MEASURES, *ACTIONS, *POINTS)
+PARTS = [f"to {4 * part} %" for part in range(1, 26)]
+"""Columns of a training curve: the moving mean of 20 episodes, averaged over parts of the steps."""
+COLUMNS = ("panel", *Trial._fields, "episodes", *MEASURES, *ACTIONS, *PARTS)
 
 
 def collect(out):
@@ -64,11 +64,10 @@ def collect(out):
             episodes = {key: column[within] for key, column in metrics.items()}
             record = Record(trial, episodes, evaluations, {})
             measured = Results([record], plan).measured[trial]
-            at, curves = training_curves([record], env_steps)
-            curve = np.interp(np.linspace(0, env_steps, len(POINTS) + 1)[1:], at, *curves)
+            curve = training_curves([record], env_steps).y.reshape(len(PARTS), -1).mean(axis=1)
             if name.startswith("soccer"):
                 measured |= chosen(folder, env_steps)
-            measured |= zip(POINTS, curve, strict=True)
+            measured |= {"last_fifth": curve[-5:].mean(), **dict(zip(PARTS, curve, strict=True))}
             numbers = {key: f"{measured[key]:.5g}" for key in COLUMNS[4:] if key in measured}
             rows.append({"panel": name, **trial._asdict(), "episodes": within.sum(), **numbers})
     return rows
@@ -100,8 +99,8 @@ def draw(rows, task):
         for axes, preset in zip(both, ("paper", "default"), strict=True):
             budget, algorithms = PANELS[f"{task}-{preset}"]
             for algorithm, trials in trials_of(rows, task, (*algorithms, "ppo", MRP)):
-                x = np.linspace(0, PANELS[trials[0]["panel"]][0], len(POINTS) + 1)[1:]
-                y = np.array([[float(row[point]) for point in POINTS] for row in trials])
+                x = (np.arange(len(PARTS)) + 0.5) * PANELS[trials[0]["panel"]][0] / len(PARTS)
+                y = np.array([[float(row[part]) for part in PARTS] for row in trials])
                 centre, low, high = Curves(x, y).band()
                 label, colour, dashes = SHOWN[algorithm]
                 axes.plot(x, centre, dashes, color=colour, label=label, linewidth=2.2)
@@ -123,7 +122,7 @@ def tables(rows):
             means = (estimate_text(shown[key]) for key in MEASURES[:2])
             counts = (f"{shown[key].value:,.0f}" for key in ("episodes", "avoidable_unsafe"))
             found[task].append([label, str(len(trials)), *counts, *means])
-            if task == "soccer":
+            if task == "soccer" and SHOWN[algorithm][0] == "SErP":
                 found["moves"].append([label, *(f"{100 * shown[a].value:.0f} %" for a in ACTIONS)])
     return {k: "".join(f"| {' | '.join(cells)} |\n" for cells in v) for k, v in found.items()}
 

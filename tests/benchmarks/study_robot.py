@@ -6,8 +6,8 @@
 
 `rules` prints what two controllers reach. `serp` prints for each seed the first episode, the
 policy after the training (10 episodes), and what happened to the file's flags; then the gripper
-wears so that slips are about twice as often, and the next 10 episodes are printed beside the
-careful controller's in the same state. Learners without a file are compared by
+wears so that 36 % of the careful controller's grasps slip instead of 21 % (`rules --wear 0.1`),
+and the returns of the next 10 episodes follow. Learners without a file are compared by
 
     serp compare --domain tidy --algorithms dqn,sb3-dqn,ppo --env-steps 3000 --seeds 3
 """
@@ -23,7 +23,7 @@ from serp.settings import resolve
 from serp_adapters.tidy import ground, task
 from serp_envs.tidy import MACROS, THINGS
 
-WORN = 0.2
+WORN = 0.1
 """Share of its friction that the gripper loses in mid-run."""
 NAMES = list(MACROS)
 ORDER = ("bottle", "glass", "block", "can")

@@ -150,11 +150,9 @@ def find_algorithm(name: str) -> Algorithm:
         by: Changes = {"guide": {"strategy": base}}
         algorithm = Algorithm(base, first_line(find_strategy(base)), "guided", changes=by)
     else:
-        more = [*OWN, *offered(STRATEGIES)]
-        entry = find(
-            algorithm_entries(), base, "algorithm", SettingsError, known=more,
-            advice="\n  `serp list` names all.",
-        )  # fmt: skip
+        more, every = [*OWN, *offered(STRATEGIES)], "\n  `serp list` names all."
+        entries = algorithm_entries()
+        entry = find(entries, base, "algorithm", SettingsError, known=more, advice=every)
         with loading(entry, "algorithm", SettingsError):
             make = entry.load()
         algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)

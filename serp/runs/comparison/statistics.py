@@ -295,9 +295,8 @@ class Results:
     def rewards(self) -> list[str]:
         """What the learners learn from; where that differs, of each algorithm."""
         learned = {name: self.of(name)[0].reward for name in self.algorithms}
-        if len({*learned.values()}) == 1:
-            return [f"The learner learns from {reward}." for reward in {*learned.values()}]
-        return [f"{name}: the learner learns from {reward}." for name, reward in learned.items()]
+        same = {f"The learner learns from {reward}." for reward in learned.values()}
+        return [*same] if len(same) == 1 else [f"{name}: {learned[name]}." for name in learned]
 
     @property
     def verdicts(self) -> list[str]:

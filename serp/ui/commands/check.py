@@ -179,7 +179,7 @@ def _fit(bound: BoundTask) -> Iterator[str]:
         twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
         yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
     if not bound.time_limited:
-        yield "the environment has no time limit; training.episode_steps truncates an episode"
+        yield "the environment states no time limit; training.episode_steps truncates an episode"
 
 
 def _summary(domain: Domain) -> Iterator[str]:

@@ -73,7 +73,7 @@ def test_a_batch_is_what_its_rows_are(seed):
 
 
 def check_lanes(core, states):
-    out, flags = core.steps(states)
+    out, flags, *_ = core.steps(states)
     assert flags.shape == (len(states), core.actions)
     for place in np.ndindex(flags.shape):
         row, single = core.step(states[place[0]], place[1])

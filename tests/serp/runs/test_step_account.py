@@ -1,10 +1,13 @@
 """The account of a recorded step is that of the decision that was made."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from serp.agent.decision import Reason
+from serp.agent.decision import Actor, Reason
 from serp.errors import RunError
+from serp.runs.recording import ACTORS, REASONS
 from serp.runs.run import Run
 from serp.runs.step_account import (
     account_of_step,
@@ -75,6 +78,14 @@ def test_what_would_have_had_to_differ_is_right(run):
         assert (outcome.unsafe or not outcome.applicable) == refused
     assert abs(flip.becomes - state[0]) <= np.ptp(recording.ranges)
     assert f"{made.proposed} would not have been refused" in what_would_differ(made)[0]
+
+
+def test_a_proposal_that_was_executed_anyway_was_not_refused():
+    reasons = [Reason.UNSAFE, Reason.NO_SAFE_ACTION, Reason.ACCEPTED]
+    columns = {"proposed": np.array([0, 1, 1]), "action": np.ones(3), "unsafe": np.zeros(3, bool)}
+    columns["reason"] = np.array([REASONS.index(reason) for reason in reasons])
+    columns["proposed_by"] = np.full(3, ACTORS.index(Actor.LEARNER))
+    assert most_telling(SimpleNamespace(columns=lambda *names: columns))[0] == 0
 
 
 def test_a_recording_of_another_domain_is_refused(run, tmp_path):

@@ -173,8 +173,7 @@ def test_an_answer_of_another_kind_is_named_with_what_is_wanted(tmp_path, answer
 
 def test_an_answer_that_a_wrapper_cannot_unpack_is_named_with_what_is_wanted(tmp_path):
     limited = gym.wrappers.TimeLimit(Odd(step=(SEEN, 0.0, False, {})), 9)
-    bound = corridor(tmp_path, lambda: limited).bind()
-    bound.reset()
+    (bound := corridor(tmp_path, lambda: limited).bind()).reset()
     with pytest.raises(EnvironmentFailure, match="it must return observation, reward"):
         bound.step(1)
 
@@ -203,15 +202,20 @@ def test_a_space_is_described_in_json_and_its_vector_names_every_number():
         b=spaces.Tuple((spaces.Discrete(2, start=3), spaces.Box(0, 255, (1, 2), np.uint8))),
         a=spaces.MultiDiscrete([[2, 3]], start=[[0, 7]]),
         c=spaces.MultiBinary(2),
+        d=spaces.Box(0, 1, (1,), bool),
     )
     rebuilt = space_of(json.loads(json_text(described(space))))
-    raw = {"a": np.array([[1, 9]]), "b": (4, np.array([[5, 6]])), "c": np.array([1, 0])}
+    raw = {"a": np.array([[1, 9]]), "b": (4, np.array([[5, 6]])), "c": np.array([1, 0])} | {
+        "d": [1]
+    }
     vector, observations = Observations(space).read(raw), Observations(rebuilt)
     assert str(spaces.unflatten(rebuilt, vector)) == str(spaces.unflatten(space, vector))
     assert [observations.name(k) for k in vector.nonzero()[0]] == [
         *("b.0 = 4", "entry [0, 0] of `b.1`", "entry [0, 1] of `b.1`"),
-        *("a[0, 0] = 1", "a[0, 1] = 9", "entry 0 of `c`"),
+        *("a[0, 0] = 1", "a[0, 1] = 9", "entry 0 of `c`", "entry 0 of `d`"),
     ]
+    with_text = space_of(described(spaces.Dict(said=spaces.Text(9), at=spaces.Discrete(2))))
+    assert Observations(with_text).read({"said": "hello", "at": 1}).tolist() == [0, 1]
 
 
 def test_spaces_that_change_and_observations_that_are_none_are_named(tmp_path):

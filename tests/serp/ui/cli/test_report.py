@@ -111,16 +111,6 @@ def test_an_evaluation_is_drawn_by_its_recorded_seed(run, trained, tmp_path):
     assert "does not say its seed" in pictures(seed=None)[1]
 
 
-def test_a_damaged_evaluation_is_named(run, trained, tmp_path):
-    damaged = tmp_path / "run"
-    shutil.copytree(trained, damaged, ignore=shutil.ignore_patterns("evaluations"))
-    run("evaluate", str(damaged), "--policy=planner", "--episodes=1", "--seed=20")
-    header = damaged / "evaluations" / "planner-seed20" / "recording.json"
-    header.write_text("{")
-    told = run("report", str(damaged), "--evaluation=planner-seed20", expect=1).stderr
-    assert f"{header} is damaged" in told
-
-
 def test_the_first_page_is_whole_and_further_runs_are_drawn_over_it(run, trained, tmp_path):
     first, other = [], Run(shutil.copytree(trained, tmp_path / "other"))
     target = tmp_path / "page.html"

@@ -23,7 +23,9 @@ from serp.ui.output import print_json
 from serp.ui.root import COMMANDS, exit_with
 from serp.ui.root import serp as group
 
-NEVER = {"matplotlib", "networkx", "onnx", "scipy", "stable_baselines3", "torch"}
+NEVER = {
+    "matplotlib", "networkx", "onnx", "scipy", "stable_baselines3", "torch", "unified_planning",
+}  # fmt: skip
 """What no command imports that looks at something and draws and learns nothing."""
 TASKS = NEVER | {"gymnasium", "pydantic"}
 """Nor a command that looks at a file which belongs to no task."""

@@ -14,11 +14,10 @@ from serp.agent.agent import Agent
 from serp.errors import EnvironmentFailure, RunError
 from serp.runs.evaluation import evaluate, play
 from serp.runs.recording import EVALUATIONS, open_recording
-from serp.runs.run import load_run
 from serp.settings import resolve
 from serp.ui.pictures.camera import Camera
 from serp.ui.pictures.film import HOLD, Mark, film, write_film, write_mp4
-from tests.serp.sample_tasks import CableCut, reckless
+from tests.serp.sample_tasks import reckless
 from tests.serp.ui.pictures.scene import Drawn, bound, drawn
 
 RED = ImageColor.getrgb(figures.REFUSED)
@@ -110,18 +109,6 @@ def test_an_mp4_lasts_as_long_as_the_film(run, tmp_path):
     assert np.abs(picture - np.asarray(filmed[0].image).astype(int)).mean() < 6
     with pytest.raises(RunError, match="ffmpeg could not write .*nosuch"):
         write_mp4(tmp_path / "nosuch" / "x.mp4", iter(filmed))
-
-
-def test_a_film_that_fails_leaves_the_former_one(recorded, tmp_path):
-    def make_env(render_mode=None):
-        return CableCut(Drawn(render_mode), 3)
-
-    path = tmp_path / "x.mp4"
-    path.write_bytes(b"former")
-    with pytest.raises(EnvironmentFailure, match="cable cut"):
-        write_film(load_run(recorded, drawn(tmp_path, make_env)), path, episodes=2)
-    assert path.read_bytes() == b"former"
-    assert list(tmp_path.glob("x.*")) == [path]
 
 
 def test_an_environment_that_fails_to_draw_is_named(tmp_path):
