@@ -124,8 +124,8 @@ def require_regular(path: Path) -> Path:
 
 def _irregular(path: Path) -> RunError:
     return RunError(
-        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put the "
-        "file itself there."
+        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put a "
+        "regular file in its place."
     )
 
 

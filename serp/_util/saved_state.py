@@ -137,8 +137,8 @@ class Saved:
         """Return the error for a saved state that cannot be used."""
         return RunError(
             f"the saved {self._what} cannot be restored: {why}. If the domain, task or "
-            "settings have changed, continue with the original ones. If not, it is damaged: "
-            "restore the checkpoint from a copy"
+            "settings have changed, continue with the original ones. If not, the checkpoint "
+            "is damaged: restore it from a copy"
         )
 
     def _value(self, name: str) -> Any:

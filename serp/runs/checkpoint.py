@@ -75,7 +75,7 @@ def load(path: Path) -> Checkpoint:
         if entry["format"] != FORMAT:
             raise RunError(
                 f"the checkpoint {path} has format {entry['format']}, which another version of "
-                f"serp wrote; this one reads format {FORMAT}. Use the version that config.json "
+                f"serp wrote; this version reads format {FORMAT}. Use the version that config.json "
                 "names, or train again."
             )
         if _digest(loaded, entry["meta"]) != entry["sha256"]:

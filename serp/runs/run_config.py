@@ -151,7 +151,7 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         wrote = versions.get("serp") if isinstance(versions, dict) else None
         raise RunError(
             f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
-            f"{version!r}, and this one reads format {FORMAT}. Use that version, or train again."
+            f"{version!r}, this version reads format {FORMAT}. Use the other one, or train again."
         )
     try:
         return about, _Metadata.model_validate(about).config

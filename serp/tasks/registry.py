@@ -237,7 +237,7 @@ def find_task(named: Task | str) -> Task:
             f"{path}: no task is installed for domain `{loaded.name}` "
             f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have "
             "an environment, write a serp.Task (as `serp new` does) and give --task "
-            "FILE.py:FUNCTION. If not, add a problem file with an `:init`; it is then the world"
+            "FILE.py:FUNCTION. If not, add a problem file with an `:init` to train in its world"
         )
     from serp.tasks.file_world import file_task
 

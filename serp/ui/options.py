@@ -44,12 +44,12 @@ def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None)
 own_task_option = click.option(
     "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
-         "gives a serp.Task. Commands that need no environment ignore it.")  # fmt: skip
+         "returns a serp.Task. Commands that need no environment ignore this option.")  # fmt: skip
 
 domain_option = click.option(
     "--domain", metavar="NAME|FILE",
-    help="Installed task, or its domain file. Any other file is itself the world, as in "
-         "serp play.")  # fmt: skip
+    help="Installed task, or its domain file. Of any other file, SErP simulates the world, as "
+         "in serp play.")  # fmt: skip
 
 problem_option = click.option(
     "--problem", type=click.Path(path_type=Path), metavar="FILE",

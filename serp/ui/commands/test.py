@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 @click.option("--scenarios", "file", type=click.Path(path_type=Path), metavar="FILE",
               help="Another file of scenarios, such as that of a similar domain.")  # fmt: skip
 @click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
-              help="Ask planner and vetoes of a run, with the model that it has learned.",
+              help="Use the planner, the vetoes and the learned model of a run.",
               )  # fmt: skip
 @click.option("--preset", default="default", show_default=True, metavar="NAME",
               help="default or paper.")  # fmt: skip

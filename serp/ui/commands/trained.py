@@ -92,7 +92,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     refused = account.proposed if account.step.decision.vetoed else ""
     print_explanation(account.account, [], refused)
     if account.ahead_by:
-        show(f"What this says about later steps was computed again, with {account.ahead_by}.")
+        show(f"The predictions of later steps were computed again, with {account.ahead_by}.")
     else:
         show("Later steps are not shown, because the model of that time has changed since.")
     differences = what_would_differ(account)
