@@ -298,6 +298,9 @@ def main() -> int:
             return 1
         return 0
     found = [[f"{n:,}", *cells] for n in (SHORT, LONG) for cells in [*table(read(), n)][1:]]
+    found = [
+        [cell.replace("-", "−") if k > 1 else cell for k, cell in enumerate(row)] for row in found
+    ]
     found.insert(0, ["env steps", *next(table(read(), SHORT))])
     for k, cells in enumerate(found):
         print(f"|{'|'.join(cells)}|" + f"\n|{'---|' * len(cells)}" * (k == 0))
