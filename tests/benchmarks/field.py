@@ -298,9 +298,16 @@ def main() -> int:
             return 1
         return 0
     found = [[f"{n:,}", *cells] for n in (SHORT, LONG) for cells in [*table(read(), n)][1:]]
+    found = [
+        [cell.replace("-", "−") if k > 1 else cell for k, cell in enumerate(row)] for row in found
+    ]
     found.insert(0, ["env steps", *next(table(read(), SHORT))])
     for k, cells in enumerate(found):
         print(f"|{'|'.join(cells)}|" + f"\n|{'---|' * len(cells)}" * (k == 0))
+    for n in (SHORT, LONG):
+        there = [row for row in read() if row["seed"] and int(row["env_steps"]) == n]
+        seeds = {task: len({r["seed"] for r in there if r["task"] == task}) for task in TASKS}
+        print(f"Seeds, {n:,} env steps:", *(f"{task} {k}" for task, k in seeds.items() if k))
     with (RESULTS / "field-summary.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(found)
     profiles(read())
