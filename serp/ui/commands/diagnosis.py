@@ -168,9 +168,10 @@ def _print_worth(worth: tuple[WorthAdoption, ...]) -> None:
 @run_argument
 @click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
               help="Write the repaired file here.  [default: only show it]")  # fmt: skip
+@click.option("--dry-run", is_flag=True, help="Show the changes, and write nothing.")
 @click.option("--force", is_flag=True,
               help="Replace FILE.pddl and its problem file if they exist.")  # fmt: skip
-def repair(run: Path, out: Path | None, force: bool) -> None:
+def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
     The command corrects numbers and adds missing effects, each with its evidence in a comment. It
@@ -183,6 +184,7 @@ def repair(run: Path, out: Path | None, force: bool) -> None:
 
     with working(f"comparing {run} with its domain file"):
         recorded = read_recorded(run)
+        out = None if dry_run else out
         if out is not None:
             _refuse_to_replace(recorded, out, force)
         found = findings(recorded.model, recorded.adaptation.experience)
