@@ -104,14 +104,6 @@ class CableCut(gym.Wrapper[NDArray[np.float64], int, NDArray[np.float64], int]):
         return super().step(action)
 
 
-def corridor_file(folder):
-    """Write the domain and return where."""
-    file = folder / "corridor.pddl"
-    if not file.exists():
-        file.write_text(CORRIDOR, encoding="utf-8")
-    return file
-
-
 def corridor(folder, make_env=Corridor, **changes):
     """The task, with the domain file in a folder.
 
@@ -120,9 +112,12 @@ def corridor(folder, make_env=Corridor, **changes):
         make_env: Another environment.
         changes: Other fields of `Task`.
     """
+    file = folder / "corridor.pddl"
+    if not file.exists():
+        file.write_text(CORRIDOR, encoding="utf-8")
     fields = {
         "make_env": make_env,
-        "domain": corridor_file(folder),
+        "domain": file,
         "ground": lambda seen: {"x": seen[0]},
         "settings": {"*": SMALL},
     }
