@@ -131,7 +131,7 @@ def test_a_reset_in_mid_episode_is_a_truncation(tmp_path):
         env.reset()
         env.reset()  # an episode without a step is none
         made = 0
-        with pytest.warns(Notice, match=r"^4 times in \d+ env steps something unsafe"):
+        with pytest.warns(Notice, match=r"^4 times in \d+ env steps, a step was unsafe"):
             for action in proposed:
                 _, _, terminated, truncated, _ = env.step(action)
                 made += 1

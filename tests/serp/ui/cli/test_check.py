@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from pathlib import Path
 
 from tests.serp.ui.cli.conftest import WALK, WALK_PROBLEM
@@ -72,23 +71,6 @@ def test_findings_are_printed_for_programs(run, walk):
     assert [(f["code"], f["place"]["line"], f["fix"]["sure"]) for f in findings] == [
         ("foreign-syntax", 15, True)
     ]
-
-
-def test_the_pattern_for_editors_matches_errors_and_warnings(run, walk):
-    page = DOMAINS.parent / "docs" / "how-to" / "editors.md"
-    blocks = re.findall(r"```json\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    (block,) = [block for block in blocks if '"tasks"' in block]
-    pattern = re.compile(json.loads(block)["tasks"][0]["problemMatcher"]["pattern"]["regexp"])
-    text = WALK.replace("(> (walked) 0)", "(> (walked) 0) (< (walked) 0)")
-    walk.write_text(text.replace("(assign (walked) 0)", "(assign (walkd) 0)"))
-    Path("other.pddl").write_text(text)
-    result = run("check", "walk.pddl", "other.pddl", "walk-problem.pddl", expect=1)
-    lines = [*result.stderr.splitlines(), *result.stdout.splitlines()]
-    found = [match.groups() for match in map(pattern.match, lines) if match]
-    assert (None, "walk.pddl", "15", "27", "unknown function `walkd`", "unknown-name") in found
-    assert any(
-        f[:2] == ("warning", "other.pddl") and f[5] == "contradictory-condition" for f in found
-    )
 
 
 def test_initial_values_are_not_missed_where_an_environment_gives_them(run, folder):
