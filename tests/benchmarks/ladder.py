@@ -479,7 +479,7 @@ def main() -> int:
         others = read(options.against)
         table = changed(compare(rows, others)) if others else summary(rows)
     for k, cells in enumerate(table):
-        print(f"| {' | '.join(cells)} |" + f"\n|{'---|' * len(cells)}" * (k == 0))
+        print(f"|{'|'.join(cells)}|" + f"\n|{'---|' * len(cells)}" * (k == 0))
     return int(failed)
 
 

@@ -124,7 +124,7 @@ def tables(rows):
             found[task].append([label, str(len(trials)), *counts, *means])
             if task == "soccer" and SHOWN[algorithm][0] == "SErP":
                 found["moves"].append([label, *(f"{100 * shown[a].value:.0f} %" for a in ACTIONS)])
-    return {k: "".join(f"| {' | '.join(cells)} |\n" for cells in v) for k, v in found.items()}
+    return {k: "".join(f"|{'|'.join(cells)}|\n" for cells in v) for k, v in found.items()}
 
 
 def renewed(page, rows):
