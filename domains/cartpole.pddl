@@ -71,7 +71,7 @@
     :precondition (and)
     :effect (and (increase (reward) 1.0)))
 
-  (:event lean-right           ; costs the lean as a share of the 15 degrees that are allowed.
+  (:event lean-right           ; the cost is the lean as a fraction of the 15 degrees that are allowed.
     :parameters ()
     :precondition (and (> (pole-angle) 0.0))
     :effect (and (decrease (reward) (/ (pole-angle) 0.2618))))

@@ -89,7 +89,7 @@ class Saved:
             raise self.wrong(f"{name} has shape {array.shape}, not {expected}")
         # Compare in float64, whatever the dtype.
         if low is not None and not ((array >= np.float64(low)) & (array <= np.float64(high))).all():
-            raise self.wrong(f"{name} has values outside {low:g} to {high:g}")
+            raise self.wrong(f"{name} has values outside the range {low:g} to {high:g}")
         return array
 
     def whole(self, name: str, low: int = 0, high: int = MOST) -> int:

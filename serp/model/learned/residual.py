@@ -291,7 +291,7 @@ class ResidualRegression:
         if counts["start"] > counts["number"]:
             raise saved.wrong("the last change is later than the last sample")
         if counts["pending"] > min(counts["number"], RegressionSamples.PENDING):
-            raise saved.wrong("more samples are pending than there are")
+            raise saved.wrong("the number of pending samples is too large")
         for name, value in counts.items():
             setattr(samples, name, value)
         try:

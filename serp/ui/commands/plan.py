@@ -58,7 +58,7 @@ if TYPE_CHECKING:
               help="Take the state from the environment, after a reset.")  # fmt: skip
 @seed_option("Seed of the reset.")
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="Planner to use.  [default: the planner of a training]")  # fmt: skip
+                what="Planner to use.  [default: the planner that training uses]")  # fmt: skip
 @setting_option("--depth", "planner.depth", metavar="N",
                 what="Number of actions to look ahead, if the planner does not see as far as the "
                      "end of the task.  [default: the task's, else 5]")  # fmt: skip
