@@ -219,9 +219,10 @@ class Policy:
 def _task(run: Run, about: Mapping[str, Any]) -> Task:
     """Return the task of a policy, whose environment has spaces and nothing else."""
     made, model = run.made, run.model
+    space = space_of(about["observation_space"], most=len(about["observation"]))
     groups = enumerate(about["ground_actions"])
     return Task(
-        make_env=lambda: _spaces(space_of(about["observation_space"]), len(about["actions"])),
+        make_env=lambda: _spaces(space, len(about["actions"])),
         domain=run.domain,
         ground=lambda observation: np.zeros(len(model.fluents)),
         name=made.task,

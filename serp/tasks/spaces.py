@@ -130,13 +130,21 @@ def described(space: Any) -> dict[str, Any]:
     raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
 
 
-def space_of(description: Mapping[str, Any]) -> spaces.Space[Any]:
-    """Return the space that `described` describes."""
+def space_of(description: Mapping[str, Any], most: int) -> spaces.Space[Any]:
+    """Return the space that `described` describes, with at most so many entries.
+
+    Raises a ValueError, TypeError or KeyError for what `described` does not return.
+    """
     ((kind, given),) = description.items()
     if kind == "Dict":  # which would sort the keys of another mapping
-        return spaces.Dict(OrderedDict((key, space_of(part)) for key, part in given.items()))
+        parts = ((str(key), space_of(part, most)) for key, part in given.items())
+        return spaces.Dict(OrderedDict(parts))
     if kind == "Tuple":
-        return spaces.Tuple([space_of(part) for part in given])
+        return spaces.Tuple([space_of(part, most) for part in given])
+    if kind not in _DESCRIBED and kind != "Text":
+        raise ValueError(f"there is no space `{kind}`")
+    if math.prod(np.ravel(given.get("shape", given.get("n", 1))).tolist()) > most:
+        raise ValueError(f"a space has more than {most:,} entries")
     if kind == "Box":
         unlike, of = {"f": (-np.inf, np.inf), "b": (0, 1)}, np.dtype(given["dtype"])
         low, high = unlike.get(of.kind) or (np.iinfo(of).min, np.iinfo(of).max)

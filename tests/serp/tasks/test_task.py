@@ -202,7 +202,7 @@ def test_a_space_is_described_in_json_and_its_vector_names_every_number():
         c=spaces.MultiBinary(2),
         d=spaces.Box(0, 1, (1,), bool),
     )
-    rebuilt = space_of(json.loads(json_text(described(space))))
+    rebuilt = space_of(json.loads(json_text(described(space))), spaces.flatdim(space))
     raw = {"a": np.array([[1, 9]]), "b": (4, np.array([[5, 6]])), "c": np.array([1, 0])} | {
         "d": [1]
     }
@@ -212,8 +212,12 @@ def test_a_space_is_described_in_json_and_its_vector_names_every_number():
         *("b.0 = 4", "entry [0, 0] of `b.1`", "entry [0, 1] of `b.1`"),
         *("a[0, 0] = 1", "a[0, 1] = 9", "entry 0 of `c`", "entry 0 of `d`"),
     ]
-    with_text = space_of(described(spaces.Dict(said=spaces.Text(9), at=spaces.Discrete(2))))
+    with_text = space_of(described(spaces.Dict(said=spaces.Text(9), at=spaces.Discrete(2))), 2)
     assert Observations(with_text).read({"said": "hello", "at": 1}).tolist() == [0, 1]
+    huge = {"Box": {"shape": [10**6, 10**6], "dtype": "<f8"}}
+    for forged in (huge, {"MultiBinary": {"n": 10**12}}, {"Space": {}}, {"flatten": {}}):
+        with pytest.raises(ValueError, match="entries|there is no space"):
+            space_of(forged, 5)
 
 
 def test_spaces_that_change_and_observations_that_are_none_are_named(tmp_path):
