@@ -69,8 +69,8 @@ def read_plan(folder: Path) -> ComparisonPlan | None:
         return ComparisonPlan.model_validate_json(read_regular(file))
     except ValidationError:
         raise RunError(
-            f"{file} is damaged, or was written by another version of serp. Restore it from a copy, or compare "
-            "in another folder (--out)."
+            f"{file} is damaged, or was written by another version of serp. Restore it from a "
+            "copy, or compare in another folder (--out)."
         ) from None
 
 
