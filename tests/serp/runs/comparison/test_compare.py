@@ -174,7 +174,7 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
     with pytest.raises(RunError, match="was made with other settings"):
         small(task, copy / "c")
     (copy / "c" / "plan.json").write_text("{}")
-    with pytest.raises(RunError, match="plan.json is damaged, or of another version"):
+    with pytest.raises(RunError, match="plan.json is damaged, or was written by another version"):
         again(copy)
 
 
