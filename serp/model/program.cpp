@@ -451,6 +451,8 @@ Flags Program::judge(const double* state, int action, const double* next_state, 
                      double dt, double* out, double* registers) const {
     prepare(theta, dt, registers);
     from(state, registers);
+    const Flags predicted = step(action, out, registers);
+    if (predicted & APPLICABLE && std::equal(out, out + fluents_, next_state)) return predicted;
     registers[UNSAFE_SET] = registers[TERMINAL_SET] = 0.0;
     std::copy_n(next_state, fluents_, registers + next_state_at_);
     std::copy_n(next_state, fluents_, registers + out_at_);

@@ -133,8 +133,8 @@ public:
 
     // One step of its own.
 
-    /// Reward and flags of an observed transition; the reward is written to `out` at F. Action -1
-    /// is none of the model's.
+    /// Reward and flags of an observed transition: those of the step where it leads to exactly that
+    /// state. The reward is written to `out` at F. Action -1 is none of the model's.
     Flags judge(const double* state, int action, const double* next_state, const double* theta,
                 double dt, double* out, double* registers) const;
 

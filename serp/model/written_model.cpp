@@ -255,12 +255,8 @@ Result judgement_of(const WrittenModel& model, const State& state, std::int64_t 
     const double *from = state_of(model, state), *to = state_of(model, next_state);
     const int acted = action_of(model, action, -1);
     const int variant = program.variant(acted, model.likeliest_outcome(from, acted, to));
-    program.prepare(model.theta().data(), model.dt(), registers.data());
-    program.from(from, registers.data());
-    Flags flags = program.step(variant, out.data(), registers.data());
-    if (!(flags & APPLICABLE) || !std::equal(to, to + model.fluents(), out.data()))
-        flags = program.judge(from, variant, to, model.theta().data(), model.dt(), out.data(),
-                              registers.data());
+    const Flags flags = program.judge(from, variant, to, model.theta().data(), model.dt(),
+                                      out.data(), registers.data());
     return result_of(std::move(out), flags);
 }
 
