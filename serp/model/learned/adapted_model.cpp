@@ -264,7 +264,9 @@ public:
     Steps steps(const double* states, int /*count*/) override {
         chances_.assign(model_.actions(), 0.0);
         doubted_.resize(chances_.size() * (width_ + 1));
+        noting_ = true;
         Steps steps = each_step(states, model_.actions(), width_);
+        noting_ = false;
         steps.chances = chances_.data(), steps.written = doubted_.data();
         return steps;
     }
@@ -513,7 +515,7 @@ private:
     /// Applies the likeliest outcome of each group to `out` [F], the state after effects, processes
     /// and residual. Returns the number of groups with counts, and the outcome of the last of these.
     ///
-    /// Where that is not what the file says throughout, the file's probability and state [F] are noted.
+    /// In `steps`, the file's probability and state [F] are noted where that is not what it says.
     std::pair<int, int> apply_likeliest(int action, Flags flow_flags, double* out) {
         int counted = 0, which = 0;
         double written = 1.0;
@@ -529,7 +531,7 @@ private:
                 doubted = true;
             }
         }
-        if (doubted && written >= RARE && !chances_.empty()) {
+        if (noting_ && doubted && written >= RARE) {
             double* of = doubted_.data() + action * std::ptrdiff_t{width_ + 1};
             std::copy_n(flowed_.data(), width_, of);
             const Flags flags = file_.settle(flow_flags, of);
@@ -627,6 +629,7 @@ private:
     std::vector<double> flowed_, usual_, other_;
     std::vector<double> rows_;  ///< outcomes of an action with chance
     std::vector<double> chances_, doubted_;  ///< of the newest `steps`, see `Steps`
+    bool noting_ = false;                    ///< whether they are wanted: single steps need neither
     const bool chance_ = file_.program().branches();
     std::vector<std::unique_ptr<Residual>> residuals_;  ///< by `FeatureGroup::place`
     std::vector<int> columns_;                          ///< [F] of all fluents
