@@ -89,13 +89,14 @@ class PlanningGraph:
         states = np.array([self.states[node] for node in nodes]).reshape(len(nodes), width)
         sources, actions = np.repeat(nodes, count), np.tile(np.arange(count), len(nodes))
         out, flags, chances, written = self.model.core.steps(states)
-        out, flags, shares = out.reshape(-1, width + 1), flags.ravel(), chances.ravel().tolist()
+        out, written = (each.reshape(-1, width + 1) for each in (out, written))
+        flags, shares = flags.ravel(), chances.ravel().tolist()
         for k in np.flatnonzero(flags & APPLICABLE).tolist():
             *state, reward = out[k].tolist()
             bits, source, action = int(flags[k]), int(sources[k]), int(actions[k])
             target, other = self._node(tuple(state), (bits & TERMINAL) != 0, layer, known), -1
             if shares[k]:
-                doubted = written.reshape(-1, width + 1)[k, :-1].tolist()
+                doubted = written[k, :-1].tolist()
                 other = self._node(tuple(doubted), False, layer, known)
             marks = marked(bits, step_risk(bits, self.settings.accepted_risk))
             edge = Edge(source, action, target, reward, marks, shares[k], other)
