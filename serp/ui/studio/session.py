@@ -114,6 +114,11 @@ class Session:
         self.origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
 
     @property
+    def begins_with_episode(self) -> bool:
+        """Whether the page plays an episode unasked: the task is known, and no state was chosen."""
+        return self.task is not None and self.played is None and not self.values
+
+    @property
     def as_played(self) -> bool:
         """Whether the state is that of the step, with no fluent changed by hand."""
         if self.played is None or self.step is None:

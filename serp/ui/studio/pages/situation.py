@@ -143,10 +143,10 @@ class ScenePane:
         self._live.changed()
 
     async def begin(self) -> None:
-        """Show an episode at the beginning: the last one, or else one of the task."""
+        """Show the episode that was played last; without one, play one unless a state is shown."""
         if self._session.played is not None:
             self._taken()
-        elif self._session.task is not None:
+        elif self._session.begins_with_episode:
             await self.play(unasked=True)
 
     def _initial(self) -> None:

@@ -191,9 +191,10 @@ def test_a_run_is_opened_with_its_copy_of_the_file(tmp_path):
     of_run = open_session(str(run.path), tmp_path / "elsewhere")
     assert of_run.documents["domain"].target == tmp_path / "elsewhere" / "cartpole.pddl"
     assert of_run.task is not None and of_run.surroundings.dt == task.dt
-    assert of_run.asked()().decision is not None
+    assert of_run.asked()().decision is not None and of_run.begins_with_episode
     at_step = open_session(str(run.path), tmp_path, step=7)
     recorded = run.recording().step(7)
     assert at_step.values == run.domain.model.values(recorded.state) and "step 7" in at_step.origin
+    assert not at_step.begins_with_episode
     with pytest.raises(SerpError, match="a step of a run"):
         open_session(str(run.path / "domain.pddl"), tmp_path, step=7)
