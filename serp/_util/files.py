@@ -46,7 +46,7 @@ _NO_WAITING = getattr(os, "O_NONBLOCK", 0)  # for the other end of a pipe
 _ADVICE = {
     errno.ENOSPC: "Free some space on that disk",
     errno.EDQUOT: "Free some of your quota on that disk",
-    errno.EFBIG: "Raise the limit on the size of files (ulimit -f)",
+    errno.EFBIG: "Raise the limit on file sizes (ulimit -f)",
     errno.EACCES: "Make the folder writable",
     errno.EPERM: "Make the folder writable",
     errno.EROFS: "Use a disk that is not read-only",
@@ -184,7 +184,7 @@ def replaced_durably(path: Path) -> Iterator[Path]:
         if os.path.lexists(path):
             kept = f"The previous {path.name} is unchanged."
         else:
-            kept = f"{path.name} did not exist before, and no part of it was left."
+            kept = f"{path.name} did not exist before, and no part of it remains."
         raise cannot_write(path, error, kept) from error
 
 

@@ -123,7 +123,7 @@ class StateSpace:
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
         else:
-            what = f"{len(state) - wanted} more than the fluents {listed(names)}; leave them out, "
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; drop the rest, "
             what += "or declare more fluents"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 

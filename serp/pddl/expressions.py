@@ -107,7 +107,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
             group.items[0].place,
-            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse this",
+            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse it",
             code="math-functions",
         )
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])

@@ -445,7 +445,7 @@ def _initial(
     for atom in atoms:
         if (place := denied.get(x.meaning(atom))) is not None:
             with source.recovering():
-                problem = f"`{atom.place.text}` is also stated true"
+                problem = f"`{atom.place.text}` is also stated to be true"
                 raise DomainError(problem, place, code="declared-twice")
     return tuple(atoms), tuple(values.values())
 

@@ -123,7 +123,7 @@ def _tokens(source: Source) -> Iterator[Word]:
             problem = f"character U+{ord(match[3]):04X} is not an ordinary space"
             with source.recovering():
                 raise DomainError(
-                    "the parentheses of PDDL are round" if bracket else problem,
+                    "PDDL uses round parentheses" if bracket else problem,
                     place,
                     "" if bracket else "replace it with a space",
                     write=bracket or " ",

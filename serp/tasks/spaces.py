@@ -176,7 +176,7 @@ def _without(paths: Collection[str], space: Any) -> str:
     if not isinstance(space, spaces.Dict):
         return ""
     kept = [key for key in space.spaces if not any(p.split(".")[0] == str(key) for p in paths)]
-    return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
+    return f"; keep the rest with gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
 
 
 def _entry(leaf: spaces.Space[Any], index: int, path: str) -> str:

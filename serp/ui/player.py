@@ -223,7 +223,7 @@ class Player:
     def _print_step(self, step: GameStep) -> None:
         action, moment = step.chosen, self.game.moment
         if step.refusal:
-            action += " is not applicable, and nothing is done"
+            action += " is not applicable, so nothing is done"
         elif step.carried_out is None:
             action += " fails: nothing is done"
         elif step.carried_out != step.chosen:

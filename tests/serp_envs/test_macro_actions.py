@@ -82,7 +82,7 @@ def test_what_is_wrong_is_named():
     env.reset()
     with pytest.raises(ValueError, match="option `rest` ended without a control"):
         env.step(0)
-    with pytest.raises(InvalidAction, match="1 is no action of Discrete"):
+    with pytest.raises(InvalidAction, match="1 is not an action of Discrete"):
         env.step(1)
     with pytest.raises(ValueError, match="1 step or more, not"):
         option(along, steps=0)

@@ -357,7 +357,7 @@ class _Statement:
 
     def _missing(self, what: str, example: str, advice: str = "") -> DomainError:
         word = self.next_word
-        problem = f"found `{word.text}`" if word.text else "the line ends"
+        problem = f"found `{word.text}`" if word.text else "but the line ends"
         advice = advice or (f"for example `{example}`" if example else "")
         return DomainError(f"expected {what}, {problem}", word, advice)
 

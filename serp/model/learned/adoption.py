@@ -116,7 +116,7 @@ class ModelAdoption(NamedTuple):
             return "as written; it may adapt, but nothing learned is in use"
         parts = []
         if self.parameters:
-            parts.append(f"estimates of {plural(len(self.parameters), 'number')} of the file")
+            parts.append(f"estimates of {plural(len(self.parameters), 'number')} in the file")
         for what, names in (
             ("residual", [f.fluent for f in self.fluents if f.residual]),
             ("counted outcomes", [f.fluent for f in self.fluents if f.outcomes]),

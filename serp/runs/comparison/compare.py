@@ -107,8 +107,8 @@ def _planned(
     for name, value in {"task": bound.name, **asked}.items():
         if own[name] != value:
             raise SettingsError(
-                f"this comparison has {name} = {own[name]}, not {value}: all of its trials have "
-                "the same task and protocol. Compare in another folder (--out)."
+                f"this comparison has {name} = {own[name]}, not {value}: its trials must share one "
+                "task and protocol. Compare in another folder (--out)."
             )
     own_baseline = () if request.baseline is None else (f"{BASELINE}{request.baseline}",)
     names = dict.fromkeys((*before.algorithms, *request.algorithms, *own_baseline))

@@ -175,7 +175,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
     The command corrects numbers and adds missing effects, each with its evidence in a comment. It
-    writes random outcomes as `probabilistic`. It never changes rewards, `(unsafe)` and ends, but
+    writes random outcomes as `probabilistic`. It never changes rewards, `(unsafe)` or ends, but
     adds comments that say what was observed. All other text stays the same.
     """
     from serp.runs.diagnosis import repair as repairing
@@ -201,7 +201,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")
         show(diagnosis.verdict)
     if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
-        say("\n  ".join(["These could not be explained and were left unchanged:", *unrepaired]))
+        say("\n  ".join(["Not repaired, or only partly:", *unrepaired]))
     if repaired.changes and out is not None:
         _write(recorded, repaired.text, out)
         say(f"{changes}, from {steps}; the repaired file is {out}")

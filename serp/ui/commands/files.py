@@ -111,7 +111,7 @@ def write_changed(path: Path, text: str) -> None:
 
 @command("serp lsp", "pip install 'serp[lsp]'")
 def lsp() -> None:
-    """Serve an editor with the Language Server Protocol.
+    """Serve an editor over the Language Server Protocol.
 
     The editor starts this command itself; docs/how-to/editors.md says how to set up each editor.
     """
@@ -140,7 +140,7 @@ def studio(name: str, port: int, no_browser: bool, step: int | None) -> None:
     planning graph. Only this machine can open the page, at an address with a token; the page loads
     nothing from the network. Files are saved only in the working folder.
 
-    If RUN, the folder of a training, is given, its copy of the file is opened.
+    If RUN, the folder of a run, is given, the run's copy of the file is opened.
 
     Ctrl-C ends the studio.
     """

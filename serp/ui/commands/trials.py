@@ -43,17 +43,17 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      help=f"Number of seeds, from {seeds.start} on, or the seeds themselves.  "
                           f"[default: {len(seeds)}]"),
         click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-                     help="Budget of each training."),
+                     help="Budget of each training run."),
         settings_option,
         click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the results; an existing one is continued.  "
+                     help="Folder of the results; existing results are continued.  "
                           f"[default: runs/{folder}-<domain>-<time>]"),
         click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-                     help="Number of parallel trainings.  [default: one per core]"),
+                     help="Number of parallel training runs.  [default: one per core]"),
         click.option("--engine", metavar="local|ray", default="local", show_default=True,
-                     help="What runs the trainings: processes of this machine, or a cluster."),
+                     help="What runs the trials: processes on this machine, or a cluster."),
         click.option("--address", metavar="ADDRESS",
-                     help="The cluster of the engine.  [default: the engine starts workers here]"),
+                     help="Address of the engine's cluster.  [default: workers on this machine]"),
         click.option("--quiet", is_flag=True, help="Print only the result."),
     )  # fmt: skip
     return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
@@ -158,7 +158,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Search for better settings by running whole trainings.
+    """Search for better settings by whole training runs.
 
     If you repeat the command with the same --out, the study continues. By default, the seeds differ
     from those of `serp compare`, so a comparison tests the settings on new seeds.

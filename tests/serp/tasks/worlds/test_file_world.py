@@ -1,4 +1,4 @@
-"""A world made of a file does what the file says, and nothing where an action fails."""
+"""A world made from a file does what the file says, and nothing where an action fails."""
 
 from collections import Counter
 

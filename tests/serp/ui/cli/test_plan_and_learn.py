@@ -82,7 +82,7 @@ def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monk
     run("report", "one", expect=1)
     robot.unlink()
     told = run("evaluate", "one", "--episodes=1", expect=1).stderr
-    assert f"was made of the task in {robot.resolve()}; give it by --task" in told
+    assert f"was made with the task in {robot.resolve()}; give it with --task" in told
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):
