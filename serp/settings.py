@@ -250,7 +250,7 @@ class TrainingSettings(Section):
     """Size of D₀ in env steps. Before Algorithm 1 starts, actions are drawn uniformly (with
     vetoes), and the learner is pretrained on these steps with as many gradient updates."""
     env_steps: PositiveCount = 20_000
-    """Default budget of a training in env steps."""
+    """Default budget of a training run, in env steps."""
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated if the environment does not end it. Runs are saved
     and stopped only between episodes."""

@@ -124,8 +124,8 @@ def require_regular(path: Path) -> Path:
 
 def _irregular(path: Path) -> RunError:
     return RunError(
-        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put a "
-        "regular file in its place."
+        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put "
+        "one at this path."
     )
 
 
@@ -138,7 +138,7 @@ def write_together(contents: Mapping[Path, bytes | str]) -> None:
     """Replace several files (text as UTF-8), none before all new ones are flushed to the disk."""
     for path in contents:
         if path.is_dir():
-            raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
+            raise RunError(f"cannot write {path}: it is a folder. Give a file name.")
     with contextlib.ExitStack() as stack:
         for path, content in contents.items():
             aside = stack.enter_context(replaced_durably(path))

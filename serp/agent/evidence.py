@@ -212,4 +212,4 @@ class Evidence(Strategy):
             inside = low - slack <= led.mean <= high + slack if led.episodes else led.mean == 0.0
             fits = fits and inside and led.count <= led.episodes
         if not fits:
-            raise Saved("strategy", {}, meta).wrong("returns do not fit their number and range")
+            raise Saved("strategy", {}, meta).wrong("returns do not match their count and range")

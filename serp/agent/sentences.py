@@ -102,7 +102,7 @@ def special_about(forecast: Forecast) -> list[str]:
     if forecast.indifferent:
         why = "what matters lies beyond its lookahead"
         if forecast.bound is Bound.EXHAUSTED:
-            why = "nothing that can be reached makes a difference"
+            why = "nothing within reach makes a difference"
         sentences.append(
             "All safe actions have the same best return (the planner is indifferent): "
             f"{why}. The first in the file is taken."
@@ -152,7 +152,7 @@ def who_decided(
     (proposal, proposer), (action, actor) = proposed, executed
     who = "Random exploration" if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
-        rarely = ", because it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        rarely = ", because it had rarely been tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
     elif reason is Reason.ACCEPTED:
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"

@@ -68,7 +68,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
         other = f"choose another name, such as {name}-task"
-        raise TaskError(f"no file was written, because these exist: {', '.join(existing)}; {other}")
+        raise TaskError(f"these files exist: {', '.join(existing)}; nothing was written; {other}")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]

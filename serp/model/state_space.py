@@ -123,7 +123,7 @@ class StateSpace:
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
         else:
-            what = f"{len(state) - wanted} more than the fluents {listed(names)}; drop the rest, "
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; drop the excess, "
             what += "or declare more fluents"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 
@@ -150,7 +150,7 @@ class StateSpace:
         """Return the position of an action."""
         if not least <= action < len(self.actions):
             last = len(self.actions) - 1
-            raise StateError(f"there is no action {action}; actions have the numbers 0 to {last}")
+            raise StateError(f"there is no action {action}; actions are numbered 0 to {last}")
         return action
 
     def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:

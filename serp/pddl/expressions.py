@@ -77,7 +77,7 @@ def _expression(node: Node, scope: Scope) -> x.Expression:
             return parse_number(node)
         if node.text == "#t":
             raise DomainError(
-                "`#t` may be used only as a factor of a rate in a process",
+                "`#t` may be used only in a process, as a factor of a rate",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
             )

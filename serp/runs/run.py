@@ -166,7 +166,7 @@ class Run(Closing):
             return "the rewards of the domain file, computed from what actually happened"
         return (
             "the environment's reward, and the planner plans with the file's. With "
-            "training.reward=sum the learner learns from both, with training.reward=domain only "
+            "training.reward=sum, the learner learns from both; with training.reward=domain, only "
             "from the file's"
         )
 

@@ -181,7 +181,7 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
                 "the episode" if len(trainer.environments) == 1 else "the episodes",
-                "the run then continues from its last checkpoint",
+                "a resumed run then continues from its last checkpoint",
             )
             if answer is not None:
                 progress.answer(answer)

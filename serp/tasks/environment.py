@@ -208,8 +208,8 @@ class BoundTask(Closing):
                 now = getattr(self.env, what)
                 if now is not before and now != before:
                     raise EnvironmentFailure(
-                        f"the environment's {what} was {before} and now is {now}; it must not "
-                        "change, so make another environment for it"
+                        f"the environment's {what} was {before} and now is {now}; spaces must "
+                        "not change, so make one environment for each"
                     )
             return reset_answer(self.env.reset(seed=seed))
 

@@ -30,17 +30,17 @@ Chance = Annotated[float, Field(ge=0, lt=1)]
 
 
 class WorldOptions(Section):
-    """The options of a world that is made of a file (`serp.file_task`)."""
+    """The options of a world that is made from a file (`serp.file_task`)."""
 
     failure: Chance = 0.0
     """Probability that an action does nothing."""
     slip: Chance = 0.0
     """Probability that another action happens instead: one of those whose precondition holds, each
-    as likely as the others. Where there is none, nothing happens."""
+    as likely as the others. If there is none, nothing happens."""
     noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Standard deviation of the change of a number, as a share of this change. What actions and
-    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
-    distribution, before events are looked at."""
+    """Standard deviation of the change in a number, as a share of this change. A change by d that
+    actions and processes make becomes d · (1 + noise · z), with z from the standard normal
+    distribution, before events are checked."""
     max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
     """Steps after which an episode is cut off."""
 
@@ -49,7 +49,7 @@ class WorldOptions(Section):
         if self.failure + self.slip > 1.0:
             raise ValueError(
                 f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
-                "slips or is carried out, so together they must be at most 1"
+                "slips or is carried out, so the two must add up to at most 1"
             )
         return self
 

@@ -235,9 +235,9 @@ def find_task(named: Task | str) -> Task:
     if loaded.problem_syntax is None or not loaded.problem_syntax.has_init:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
-            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have "
-            "an environment, write a serp.Task (as `serp new` does), given as --task "
-            "FILE.py:FUNCTION. If not, add a problem file with an `:init` to train in its world"
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have an "
+            "environment, write a serp.Task (as `serp new` does) and give --task FILE.py:FUNCTION. "
+            "If not, add a problem file with an `:init` to train in the file's world"
         )
     from serp.tasks.file_world import file_task
 

@@ -127,7 +127,7 @@ def described(space: Any) -> dict[str, Any]:
     for kind, names in _DESCRIBED.items():
         if isinstance(space, getattr(spaces, kind)):
             return {kind: {name: getattr(space, name) for name in names}}
-    raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
+    raise TaskError(f"observations of {space} are not exported: it is not a space of Gymnasium")
 
 
 def space_of(description: Mapping[str, Any], most: int) -> spaces.Space[Any]:

@@ -141,7 +141,7 @@ class Player:
         if len(matches) == 1:
             return matches[0]
         if matches:
-            raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in matches[:8])}")
+            raise SerpError(f"`{name}` may mean {' or '.join(names[k] for k in matches[:8])}")
         known = did_you_mean(name, [*names, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 

@@ -149,5 +149,5 @@ def adoption_of(
         why = f"the file was right in {plural(steps, 'step')}"
     else:
         ratio = percent(learned / written)
-        why = f"in {plural(steps, 'step')} the learned model's error is {ratio} of the file's"
+        why = f"in {plural(steps, 'step')}, the learned model's error is {ratio} of the file's"
     return FluentAdoption(fluent, residual, counted, steps, why)

@@ -30,7 +30,7 @@ def read_recorded(path: Path) -> Run:
     run = Run(path)
     if not len(run.adaptation.experience):
         raise RunError(
-            f"{path} has no env step in its checkpoint; train it for a while: "
+            f"{path} has no env step in its checkpoint; train for a while: "
             f"serp plan-and-learn --resume {path}"
         )
     return run

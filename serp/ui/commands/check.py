@@ -176,7 +176,7 @@ def _fit(bound: BoundTask) -> Iterator[str]:
     groups, ground = bound.actions.groups, bound.model.actions
     if unnamed := [str(k) for k, group in enumerate(groups) if not group]:
         named = [listed(dict.fromkeys(ground[k].schema for k in group)) for group in groups]
-        twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
+        twice = [f"; action {k} has several: {own}" for k, own in enumerate(named) if "," in own]
         yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
     if not bound.time_limited:
         yield "the environment declares no time limit; training.episode_steps truncates episodes"

@@ -84,7 +84,7 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     for number, remark in enumerate(remarks, 1):
         show(f"\n{number}. {remark.text}.")
         names = " and ".join(f"({name})" for name in sorted(remark.finding.symbols))
-        show(f"   This explains {percent(remark.share)} of the error of {names}.")
+        show(f"   This explains {percent(remark.share)} of the error in {names}.")
         _print_edit(recorded, remark.finding)
     if everything:
         _print_errors(diagnosis)
@@ -117,7 +117,7 @@ def _print_errors(diagnosis: Diagnosis) -> None:
     quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
     if quantities:
         show()
-        head = ("fluent", "change in a step", "error of the file", "with findings", "mostly after")
+        head = ("fluent", "change in a step", "the file's error", "with findings", "mostly after")
         table = [
             (
                 quantity.shown,

@@ -58,8 +58,8 @@ if TYPE_CHECKING:
                 what="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @settings_option
 @click.option("-v", "--verbose", is_flag=True,
-              help="At the end, also why this policy was selected, how far the planner saw, and "
-                   "what the model learned.")  # fmt: skip
+              help="At the end, also show why this policy was selected, how far the planner saw, "
+                   "and what the model learned.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="Show no progress; print only the run's folder.")
 def plan_and_learn(
     domain: str | None,
@@ -139,7 +139,7 @@ def _print_results(run: Run, *, verbose: bool) -> None:
         show()
         print_account(summary, summary["sight"])
     print_next(
-        (again("evaluate", run=run), "how good it is now, without exploration"),
+        (again("evaluate", run=run), "how good the policy is now, without exploration"),
         (again("plan", run=run), "what its planner sees, and why"),
         (again("why", run=run), "what happened in a step, and the lines behind it"),
         (again("report", run=run), "the whole run as one page for the browser"),

@@ -90,14 +90,14 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
               help="Also compare your own controller: a function that takes the values of the "
                    "fluents and returns the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
-              help="Return from which a policy counts as good.")  # fmt: skip
+              help="Return at which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
               help="Evaluate the learner alone every N env steps.  "
                    "[default: budget/10]")  # fmt: skip
 @click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
-              help="Episodes of each evaluation of the learner alone.  [default: 10]")  # fmt: skip
+              help="Episodes in each evaluation of the learner alone.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
-              help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
+              help="Episodes in each evaluation at the end.  [default: 50]")  # fmt: skip
 @_trials_options(seeds=range(5), folder="compare")
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
     """Compare algorithms on one task, with the same budget and seeds.
@@ -199,6 +199,6 @@ def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: s
     show()
     print_table(("", ""), [(text, "") for text in assignments])
     print_next(
-        (compare, "compare them with the original settings, on other seeds"),
+        (compare, "compare these settings with the original ones, on other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "show the study in a browser"),
     )

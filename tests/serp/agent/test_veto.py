@@ -34,7 +34,7 @@ def lab():
         ("drive hall", {}, "`(open)` (line 5) does not hold (open = false)"),
         ("lift", {"load": 1.5}, "(line 9) does not hold (open = false, load = 1.5)"),
         ("both", {"open": 1}, "`(increase (load) 2)` (line 13) contradicts another effect"),
-        ("split", {}, "split gives no finite number"),
+        ("split", {}, "split does not give a finite number"),
         ("lift", {"open": 1, "load": 3}, "unsafe: `(unsafe)` (line 11)"),
         ("drive hall", {"open": 1, "battery": 0.25}, "(line 16) through event empty"),
         ("lift", {"open": 1, "load": 2}, ""),
