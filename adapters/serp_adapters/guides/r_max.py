@@ -25,7 +25,7 @@ _CLOSE: Final = 1e-3
 
 
 class RMax(Planned):
-    """A table of observed steps decides, in which unknown actions are worth the most (R-Max).
+    """A table of observed steps decides; unknown actions have the highest value in it (R-Max).
 
     Brafman and Tennenholtz 2002, "R-MAX - a general polynomial time algorithm for near-optimal
     reinforcement learning", JMLR 3. States are told apart by their fluents, exactly, so that the

@@ -28,8 +28,8 @@ def new(name: Path, env: str | None) -> None:
     """Write the first files of the task NAME; no existing file is overwritten.
 
     With --env, NAME.pddl has the environment's actions and the numbers of its observations, and
-    NAME.py is the task. Add what you know of the environment to NAME.pddl; `serp check` and `serp
-    plan-and-learn` work before that, too.
+    NAME.py is the task. Add what you know about the environment to NAME.pddl; `serp check` and
+    `serp plan-and-learn` work before that, too.
 
     Without --env, NAME.pddl is an example for `serp play`, whose world is the file itself.
 

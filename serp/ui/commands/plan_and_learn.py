@@ -69,7 +69,7 @@ def plan_and_learn(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Train on a task, or continue a training.
+    """Train on a task, or continue a run.
 
     The planner acts from the first step and the learner takes over; what the domain file flags
     unsafe is refused whenever there is a choice.

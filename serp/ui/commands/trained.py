@@ -50,7 +50,7 @@ def why(
 
     The command shows who acted and why, and the state. It shows the value, risk and reward of every
     action, with the lines of the domain file behind them. It compares what was predicted and
-    observed, and shows which change of the state would have led to another action.
+    observed, and shows which change in the state would have led to another action.
 
     If --step is not given, the command explains the last refused proposal that was applicable, else
     the last unsafe step, else the last refused proposal, else the last step.

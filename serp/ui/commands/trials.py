@@ -158,7 +158,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Search for better settings by whole training runs.
+    """Search for better settings with whole training runs.
 
     If you repeat the command with the same --out, the study continues. By default, the seeds differ
     from those of `serp compare`, so a comparison tests the settings on new seeds.
