@@ -36,9 +36,9 @@ def option(
         ValueError: `steps` is not a number of steps.
     """
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"an option takes 1 step or more, not {steps!r}")
+        raise ValueError(f"an option must take at least 1 step, not {steps!r}")
     if not callable(control):
-        raise TypeError(f"a controller is a function of the observation, not {control!r}")
+        raise TypeError(f"a controller must be a function of the observation, not {control!r}")
     generate = control if isgeneratorfunction(control) else _in_each_step(control)
 
     def run(observation: Observation) -> Generator[Control, Observation, None]:

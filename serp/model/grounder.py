@@ -531,7 +531,7 @@ class _Instantiation:
         if isinstance(expression, x.FunctionTerm) and expression.name == x.REWARD:
             if not metric.maximize:
                 raise DomainError(
-                    "`(reward)` is maximized, never minimized", metric.place, code="reserved-name"
+                    "`(reward)` is maximised, never minimised", metric.place, code="reserved-name"
                 )
             return None
         if x.REWARD in self.domain.declarations:

@@ -356,7 +356,7 @@ def _probability(node: Node) -> float:
     else:
         value = parse_number(node).value
     if not 0.0 <= value <= 1.0:
-        raise DomainError("a probability is a number from 0 to 1", node.place)
+        raise DomainError("a probability must be a number from 0 to 1", node.place)
     return value
 
 

@@ -63,7 +63,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
         TaskError: The task is not installed.
     """
     if not isinstance(folder, str | os.PathLike):
-        raise RunError(f"a run is given by its folder, not by {folder!r}")
+        raise RunError(f"give the folder of a run, not {folder!r}")
     run = Run(Path(folder), task)
     _ = run.task  # whose errors are raised here
     return run

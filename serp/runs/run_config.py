@@ -132,7 +132,7 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         RunError: There is none, or a value is missing or wrong.
     """
     if os.path.isfile(folder):
-        raise RunError(f"{folder} is a file; a run is given by its folder.")
+        raise RunError(f"{folder} is a file; give the folder of a run.")
     within = folder if os.path.isdir(folder) else folder.parent
     runs = sorted(str(each.parent) for each in within.glob(f"*/{CONFIG}"))
     there = f" Existing runs: {listed(runs)}." if runs else ""

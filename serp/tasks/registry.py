@@ -222,7 +222,7 @@ def find_task(named: Task | str) -> Task:
     if _is_task(named):
         return named
     if not isinstance(named, str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {named!r}")
+        raise TaskError(f"a task must be a serp.Task, a name or a domain file, not {named!r}")
     path = find_domain_file(named)
     if path is None and Path(named).is_dir() and named not in task_entries():
         raise TaskError(f"{named} is a folder; give one of the files in it, or the name of a task")

@@ -84,9 +84,9 @@ def test_what_is_wrong_is_named():
         env.step(0)
     with pytest.raises(InvalidAction, match="1 is not an action of Discrete"):
         env.step(1)
-    with pytest.raises(ValueError, match="1 step or more, not"):
+    with pytest.raises(ValueError, match="at least 1 step, not"):
         option(along, steps=0)
-    with pytest.raises(TypeError, match="a controller is a function"):
+    with pytest.raises(TypeError, match="a controller must be a function"):
         option(np.ones(1), steps=3)
     env = MacroActions(gymnasium.make("Pendulum-v1"), {"along": along})
     env.reset()

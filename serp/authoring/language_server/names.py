@@ -141,7 +141,7 @@ MEANINGS = {
     ":effect": "What changes. All effects are evaluated before any is applied.",
     ":init": "The initial state. Predicates that it does not list are false.",
     ":goal": "If this holds, the task ends.",
-    ":metric": "What is to be maximized or minimized; `(reward)` by default.",
+    ":metric": "What is to be maximised or minimised; `(reward)` by default.",
     "imply": "If the first condition holds, the second must hold, too.",
     "forall": "Applies to every object of a type.",
     "exists": "Holds if at least one object of a type satisfies the condition.",

@@ -74,7 +74,7 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
                 raise DomainError(
                     f"`{line.next_word.text}` comes before the first scenario",
                     line.place,
-                    "a scenario begins with a line such as `scenario the pole leans to the right`",
+                    "begin a scenario with a line such as `scenario the pole leans to the right`",
                 )
             else:
                 current = line.added_to(current, scenarios)

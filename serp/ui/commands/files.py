@@ -66,7 +66,7 @@ def new(name: Path, env: str | None) -> None:
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
+@click.option("--check", is_flag=True, help="Write nothing; exit status 1 if a file would change.")
 @click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
 def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
     """Correct the indentation and spaces of files, and nothing else.
@@ -129,7 +129,7 @@ def lsp() -> None:
 @click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
-              help="Port on this machine.  [default: any that is free]")  # fmt: skip
+              help="Port on this machine.  [default: any free port]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
               help="Begin with step N of RUN, as numbered in decisions.csv.")  # fmt: skip

@@ -151,7 +151,7 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
               help="One of serp's algorithms.")  # fmt: skip
 @click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",
               show_default=True,
-              help="What is maximized: the area under the training curve, or the return of the "
+              help="What is maximised: the area under the training curve, or the return of the "
                    "trained policy.")  # fmt: skip
 @click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
               help="Total number of trials.")  # fmt: skip

@@ -58,9 +58,9 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run, robot):
     assert "walkway" not in run("list").stdout
     assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
     checked = run("check", "--task=my_robot.py").stdout
-    assert "no name for environment action `3`" in checked and "states no time limit" in checked
+    assert "no name for environment action `3`" in checked and "declares no time limit" in checked
     begun = run("plan-and-learn", "--task=my_robot.py", "--env-steps=9", "--out=runs/one", *QUICK)
-    assert "states no time limit" in begun.stderr
+    assert "declares no time limit" in begun.stderr
     assert "serp export runs/one -o FOLDER" in begun.stdout
     for named in ((), ("--task=my_robot:walkway",)):
         assert "mean return" in run("evaluate", "runs/one", "--episodes=1", *named).stdout
