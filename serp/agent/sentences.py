@@ -122,8 +122,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. The planner takes the best of the paths within "
-            f"planner.accepted_risk of the least risk. Its risk is {percent(risk)}."
+            f"{where} too risky. The planner takes the best path whose risk exceeds the least by "
+            f"at most planner.accepted_risk. Its risk is {percent(risk)}."
         )
     else:
         sentences.append(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--all", "everything", is_flag=True,
               help="Show all findings, and the errors of each fluent.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw a chart of predicted against observed changes to this file.")  # fmt: skip
+              help="File for a chart of predicted against observed changes.")  # fmt: skip
 def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN.
 

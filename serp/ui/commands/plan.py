@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 @dt_option
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw the planning graph of the lookahead to this file.")  # fmt: skip
+              help="File for a picture of the lookahead's planning graph.")  # fmt: skip
 @json_option
 def plan(
     run: Path | None,

@@ -162,7 +162,7 @@ def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(monk
     names = [model.actions[action].name for action in follower.plan]
     assert names == ["wait", "wait", "go a b", "go b c"]
     monkeypatch.setattr(worker, "MOST_VARIANTS", 5)
-    with pytest.raises(Refused, match=r"has \d+ actions, more than 5; .* such as `enhsp`"):
+    with pytest.raises(Refused, match=r"gives \d+ actions, more than 5. .* such as `enhsp`"):
         Planning("pyperplan", sent(model))
 
 

@@ -102,7 +102,7 @@ def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refu
         run_trial(todo)
     with pytest.raises(RunError, match="different settings"):
         run_trial(job(walk(tmp_path), "dqn", folder))
-    with pytest.raises(RunError, match="other seeds"):
+    with pytest.raises(RunError, match="different seeds"):
         run_trial(job(walk(tmp_path), "serp", folder, seed=1))
 
 
