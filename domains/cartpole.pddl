@@ -63,8 +63,8 @@
     :precondition (and)
     :effect (and (increase (pole-velocity) (* #t (* 15.8 (pole-angle))))))
 
-  ; What happens at certain points. An event is looked at after every step, once the world has moved
-  ; on. Here they say what is good and what is bad about the place where the step has led.
+  ; What happens at thresholds. Events are checked after every step, once the world has moved on.
+  ; Here they say what is good and what is bad about the place where the step has led.
 
   (:event balance              ; one point for every step.
     :parameters ()

@@ -145,7 +145,7 @@ class PlannerSettings(Section):
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
     """Probability of damage that is accepted beyond the least possible one. If the planner sees to
     the end of the task, this is the probability until the end; else that of a step, and of a path.
-    Certain damage is never accepted. If 0, the least risk comes before any reward. Such
+    Certain damage is never accepted. If 0, the least risk comes before any reward. These
     probabilities come from `probabilistic` effects and from adaptation."""
 
 
@@ -154,9 +154,9 @@ class AdaptationSettings(Section):
 
     mode: Literal["off", "parameters", "residual", "full", "rewards"] = "off"
     """`off` only records the errors. `parameters` estimates the numbers in effects and rates.
-    `residual` learns a model of the remaining one-step error. `full` does both. `rewards` does as
-    `full`, and also corrects the rewards of the file. Use it only if these rewards estimate those
-    that the task learns from; a correction removes rewards that are hints for the planner. In all
+    `residual` learns a model of the remaining one-step error. `full` does both. `rewards` does
+    the same as `full`, and also corrects the file's rewards. Use `rewards` only if the file's
+    rewards estimate those that the learner uses: a correction removes hints for the planner. In all
     modes but `off`, the planner prefers safe actions that were tried fewer than 4 times."""
 
     @property
@@ -250,7 +250,7 @@ class TrainingSettings(Section):
     """Size of D₀ in env steps. Before Algorithm 1 starts, actions are drawn uniformly (with
     vetoes), and the learner is pretrained on these steps with as many gradient updates."""
     env_steps: PositiveCount = 20_000
-    """Default budget of a training in env steps."""
+    """Default budget of a training run, in env steps."""
     episode_steps: PositiveCount = 10_000
     """Steps after which an episode is truncated if the environment does not end it. Runs are saved
     and stopped only between episodes."""
@@ -356,9 +356,9 @@ def resolve(
         if key != "*" and key not in PRESETS:
             advice = did_you_mean(str(key), ["*", *PRESETS])
             if key in Settings.model_fields:
-                advice = f'settings of every preset are written {{"*": {{{key!r}: ...}}}}'
+                advice = f'write settings for all presets as {{"*": {{{key!r}: ...}}}}'
             raise SettingsError(
-                f"the task changes settings of a preset `{key}`, which does not exist; {advice}"
+                f"the task changes settings of preset `{key}`, which does not exist; {advice}"
             )
     settings = Settings().replace(PRESETS[preset])
     for key in ("*", preset):

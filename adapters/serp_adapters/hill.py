@@ -20,5 +20,5 @@ def task() -> serp.Task:
         ground=as_observed,  # Position (m) and velocity (m/s) of the car.
         actions={"drive-left": 0, "coast": 1, "drive-right": 2},
         dt=CONTROL_PERIOD,
-        description="drive a car up a hill that its engine is too weak for without a run-up",
+        description="drive a car up a hill that its engine can climb only with a run-up",
     )

@@ -47,5 +47,5 @@ def task() -> serp.Task:
         actions={"south": 0, "north": 1, "east": 2, "west": 3, "pick-up": 4, "put-down": 5},
         # It charges 10 for a passenger who is not there, which the file has no word for.
         reward="environment",
-        description="fetch a passenger and drive where they want to go",
+        description="fetch a passenger and drive to where they want to go",
     )

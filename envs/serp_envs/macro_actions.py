@@ -36,9 +36,9 @@ def option(
         ValueError: `steps` is not a number of steps.
     """
     if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"an option takes 1 step or more, not {steps!r}")
+        raise ValueError(f"an option must take at least 1 step, not {steps!r}")
     if not callable(control):
-        raise TypeError(f"a controller is a function of the observation, not {control!r}")
+        raise TypeError(f"a controller must be a function of the observation, not {control!r}")
     generate = control if isgeneratorfunction(control) else _in_each_step(control)
 
     def run(observation: Observation) -> Generator[Control, Observation, None]:
@@ -96,7 +96,7 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         if not options:
-            raise ValueError("MacroActions needs one option or more")
+            raise ValueError("MacroActions needs at least one option")
         self.options = dict(options)
         self.action_space = spaces.Discrete(len(self.options))
         self._observation: Any = None
@@ -126,9 +126,9 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
             TypeError: The option is a function that yields nothing.
         """
         if self._observation is None:
-            raise gym.error.ResetNeeded("reset comes before step")
+            raise gym.error.ResetNeeded("call reset() before step()")
         if not self.action_space.contains(action):
-            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
+            raise gym.error.InvalidAction(f"{action!r} is not an action of {self.action_space}")
         name = list(self.options)[int(action)]
         answer = run_option(self.env, self.options[name], self._observation)
         if answer is None:

@@ -60,7 +60,7 @@ class SubTask(gym.Wrapper[Any, Any, Any, Any]):
                 return after, its_info
             observation, info = self.env.reset(options=options)
         raise gym.error.Error(
-            f"{_MOST_TRIES} episodes in a row ended in the option `begin`: the part never begins"
+            f"{_MOST_TRIES} episodes in a row ended in the option `begin`, before the part began"
         )
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:

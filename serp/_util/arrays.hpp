@@ -72,7 +72,7 @@ void bind_view(nb::class_<Class>& bound, const char* name, Block<Number> Class::
 /// Returns the numbers of a state [F]; throws std::invalid_argument where it has others than F.
 inline const double* state_of(const In<double, nb::ndim<1>>& state, size_t fluents) {
     if (state.size() != fluents)
-        throw std::invalid_argument("a state has " + std::to_string(fluents) + " numbers");
+        throw std::invalid_argument("a state must have " + std::to_string(fluents) + " numbers");
     return state.data();
 }
 

@@ -46,7 +46,7 @@ _NO_WAITING = getattr(os, "O_NONBLOCK", 0)  # for the other end of a pipe
 _ADVICE = {
     errno.ENOSPC: "Free some space on that disk",
     errno.EDQUOT: "Free some of your quota on that disk",
-    errno.EFBIG: "Raise the limit on the size of files (ulimit -f)",
+    errno.EFBIG: "Raise the limit on file sizes (ulimit -f)",
     errno.EACCES: "Make the folder writable",
     errno.EPERM: "Make the folder writable",
     errno.EROFS: "Use a disk that is not read-only",
@@ -124,8 +124,8 @@ def require_regular(path: Path) -> Path:
 
 def _irregular(path: Path) -> RunError:
     return RunError(
-        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put a "
-        "regular file in its place."
+        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put "
+        "one at this path."
     )
 
 
@@ -138,7 +138,7 @@ def write_together(contents: Mapping[Path, bytes | str]) -> None:
     """Replace several files (text as UTF-8), none before all new ones are flushed to the disk."""
     for path in contents:
         if path.is_dir():
-            raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
+            raise RunError(f"cannot write {path}: it is a folder. Give a file name.")
     with contextlib.ExitStack() as stack:
         for path, content in contents.items():
             aside = stack.enter_context(replaced_durably(path))
@@ -184,7 +184,7 @@ def replaced_durably(path: Path) -> Iterator[Path]:
         if os.path.lexists(path):
             kept = f"The previous {path.name} is unchanged."
         else:
-            kept = f"{path.name} did not exist before, and no part of it was left."
+            kept = f"{path.name} did not exist before, and no part of it remains."
         raise cannot_write(path, error, kept) from error
 
 

@@ -93,7 +93,7 @@ class Cause:
         if self.what == "conflict":
             return f"{quote} contradicts another effect"
         if not self.text:
-            return f"{self.name or 'the reward'} gives no finite number"
+            return f"{self.name or 'the reward'} does not give a finite number"
         return f"{quote} has no value, so it is neither true nor false"
 
 

@@ -160,9 +160,9 @@ class ChosenPlanner:
             return f"{self.name} expanded every reachable state {discount}."
         states = f" ({plural(plan.nodes, 'state')})" if self.decided_by_graph(plan) else ""
         why = {
-            Bound.CELLS: " Rewards beyond the lookahead are estimated by values of cells.",
+            Bound.CELLS: " Rewards beyond the lookahead are estimated from cell values.",
             Bound.UNKNOWN: f" {TO_THE_UNKNOWN}",
-            Bound.NODES: " The limits on nodes and edges ended the lookahead.",
+            Bound.NODES: " A limit on nodes or edges ended the lookahead.",
         }.get(plan.forecast.bound, "")
         depth = plural(plan.forecast.depth, "action")
         return f"{self.name} looked ahead {depth}{states} {discount}.{why}"

@@ -63,7 +63,7 @@ class Returns(Declared):
 
 
 class Evidence(Strategy):
-    """Planner or learner is the acting policy of a whole episode, by discounted Thompson sampling.
+    """Discounted Thompson sampling chooses planner or learner for each whole episode.
 
     The learner is drawn with the probability ρ that its expected return is larger (Student's t on
     the returns of each; Raj & Kalyani 2017, arXiv 1707.09727). Old returns lose weight, because
@@ -212,4 +212,4 @@ class Evidence(Strategy):
             inside = low - slack <= led.mean <= high + slack if led.episodes else led.mean == 0.0
             fits = fits and inside and led.count <= led.episodes
         if not fits:
-            raise Saved("strategy", {}, meta).wrong("returns do not fit their number and range")
+            raise Saved("strategy", {}, meta).wrong("returns do not match their count and range")

@@ -34,7 +34,7 @@ def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
 
 
 def far_sight(model: TransitionModel, settings: PlannerSettings) -> Planner:
-    """Return the planner that sees to the end of a finite task, and far in a continuous one."""
+    """Return the planner that sees to the end of a finite task, or far into a continuous one."""
     return FarSightPlanner(model, settings)
 
 

@@ -89,10 +89,10 @@ def lesser(other: RunnerUp) -> str:
     return {
         "order": "which is worth the same and comes later in the file",
         "value": f"whose return is smaller by {readable(abs(other.gap))} (units of reward)",
-        "delay": "which is worth the same but gains it later",
-        "rank": "which is less safe in the next step; safety counts before return",
-        "risk": f"whose path has more risk ({own} against {taken}); risk counts before return",
-        "safe steps": "whose path stays safe for fewer steps; safety counts before return",
+        "delay": "whose return is the same but comes later",
+        "rank": "which is less safe in the next step; safety comes before return",
+        "risk": f"whose path has more risk ({own} versus {taken}); risk comes before return",
+        "safe steps": "whose path stays safe for fewer steps; safety comes before return",
     }[other.by]
 
 
@@ -102,7 +102,7 @@ def special_about(forecast: Forecast) -> list[str]:
     if forecast.indifferent:
         why = "what matters lies beyond its lookahead"
         if forecast.bound is Bound.EXHAUSTED:
-            why = "nothing that can be reached makes a difference"
+            why = "nothing within reach makes a difference"
         sentences.append(
             "All safe actions have the same best return (the planner is indifferent): "
             f"{why}. The first in the file is taken."
@@ -122,8 +122,8 @@ def special_about(forecast: Forecast) -> list[str]:
     elif risk < 1.0:
         where = "Every action is" if steps == 0 else "Every path leads to something"
         sentences.append(
-            f"{where} too risky. Of the paths with about the least risk (within "
-            f"planner.accepted_risk), the best is taken; its risk is {percent(risk)}."
+            f"{where} too risky. The planner takes the best path whose risk exceeds the least by "
+            f"at most planner.accepted_risk. Its risk is {percent(risk)}."
         )
     else:
         sentences.append(
@@ -152,7 +152,7 @@ def who_decided(
     (proposal, proposer), (action, actor) = proposed, executed
     who = "Random exploration" if proposer is Actor.EXPLORATION else f"The {proposer}"
     if reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED):
-        rarely = ", because it was rarely tried" if reason is Reason.LITTLE_TRIED else ""
+        rarely = ", because it had rarely been tried" if reason is Reason.LITTLE_TRIED else ""
         lines = [f"It was the planner's turn: {action} was executed{rarely}."]
     elif reason is Reason.ACCEPTED:
         lead = "" if math.isnan(rho) else f" (ρ = {readable(rho)})"
@@ -165,7 +165,7 @@ def who_decided(
             why = f"; {proposal}{why}"
         problem = str(reason).capitalize() if reason in of_all else f"Refused: {reason}"
         lines.append(f"{problem}{why}.")
-        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "the least bad"}
+        whose = {Actor.PLANNER: "the planner's choice", Actor.FALLBACK: "as the least bad"}
         lines.append(
             f"{action} was executed instead, {whose.get(actor, 'as proposed')}."
             if action != proposal
@@ -204,7 +204,7 @@ def lines_of_changes(found: Counterfactuals, outcome: str = "") -> list[str]:
         for change in found.changes[:3]
     ]
     other = outcome or "the planner would have chosen otherwise"
-    return lines or [f"No change of a single fluent was found for which {other}."]
+    return lines or [f"No change in a single fluent was found for which {other}."]
 
 
 def _change(change: Counterfactual) -> str:

@@ -181,13 +181,13 @@ class VetoPolicy(Declared):
         parts = []
         if self.foreseen or self.unforeseen:
             parts.append(
-                "Among steps that the file did not flag, the learned risks predicted "
-                f"{self.foreseen:.1f} unsafe ones, and {self.unforeseen:,} were observed"
+                "Among the steps that the file did not flag, the learned risks predicted "
+                f"{self.foreseen:.1f} unsafe steps; {self.unforeseen:,} were observed"
             )
         if self.held_back:
             parts.append(
-                f"In {plural(self.held_back, 'step')} risk excluded a more valuable action; "
-                f"planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
+                f"In {plural(self.held_back, 'step')}, risk excluded a more valuable action; "
+                f"a planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
             )
         return ". ".join(parts)
 

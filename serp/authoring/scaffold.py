@@ -68,7 +68,7 @@ def new_task(path: Path, env: str | None = None) -> list[Path]:
     files = [path.with_name(f"{name}{ending}") for ending in endings]
     if existing := [str(file) for file in files if os.path.lexists(file)]:
         other = f"choose another name, such as {name}-task"
-        raise TaskError(f"no file was written, because these exist: {', '.join(existing)}; {other}")
+        raise TaskError(f"these files exist: {', '.join(existing)}; nothing was written; {other}")
     if env is None:
         templates = ("world.pddl", "world-problem.pddl", "world.scenarios")
         texts = [_filled(template, name=name) for template in templates]
@@ -97,7 +97,7 @@ def _made(name: str) -> Iterator[tuple[gym.Env[Any, Any], dict[str, str]]]:
     if not colon and near.is_file() and (name.endswith(".py") or part.isidentifier()):
         meant = environments_of(import_file(near, f"--env {name}")) or ["FUNCTION"]
         classes = listed(f"--env {near}:{each}" for each in meant)
-        raise TaskError(f"--env {name}: name a class or a function of the file: {classes}")
+        raise TaskError(f"--env {name}: name a class or a function in the file: {classes}")
     if colon:
         make = _of_file(f"--env {name}", Path(f"{file}.py"), attribute)
         imports, call = f"from {file} import {attribute}\n", f"{attribute}("
@@ -137,7 +137,7 @@ def _made(name: str) -> Iterator[tuple[gym.Env[Any, Any], dict[str, str]]]:
 
 def _of_file(option: str, file: Path, attribute: str) -> Callable[[], Any]:
     if not (file.stem.isidentifier() and attribute.isidentifier()):
-        raise TaskError(f"{option}: give file and class names of letters, digits and underscores")
+        raise TaskError(f"{option}: in file and class names, use letters, digits and underscores")
     if file.parent != Path():
         raise TaskError(f"{option}: run the command in the folder of {file.name}")
     make: Callable[[], Any] = attribute_of(import_file(file, option), attribute, option)
@@ -196,9 +196,9 @@ def describe(env: gym.Env[Any, Any], called: str) -> tuple[list[Entry], list[Ent
     fields = list(itertools.islice(every, MOST + 1))
     if len(fields) > MOST:
         raise TaskError(
-            f"an observation of {called} has more than {MOST} numbers, too many for a fluent each; "
-            "select the important ones with gymnasium.wrappers.TransformObservation, or write the "
-            "task yourself (how-to: Connect your own environment)"
+            f"an observation of {called} has more than {MOST} numbers, too many for one fluent "
+            "each; select the important ones with gymnasium.wrappers.TransformObservation, or "
+            "write the task yourself (how-to: Connect your own environment)"
         )
     documentation = inspect.getdoc(type(env.unwrapped)) or ""
     used: set[str] = set()
@@ -265,7 +265,7 @@ def _numbers(
     if isinstance(space, spaces.Dict):
         for key, part in space.spaces.items():
             if not isinstance(key, str):
-                raise TaskError(f"the observation has a part {key!r}; name its parts with strings")
+                raise TaskError(f"the observation has a part named {key!r}; use strings as names")
             inner = key if name == "observation" else f"{name} {key}"
             yield from _numbers(part, f"{expression}[{key!r}]", inner, pictures)
     elif isinstance(space, spaces.Tuple):

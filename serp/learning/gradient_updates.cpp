@@ -176,7 +176,7 @@ public:
         const size_t outputs = batch * online.actions();
         require(drawn.size() == members * batch && samples.inputs() == online.inputs() &&
                     samples.allowed.shape(1) == (online.actions() + 7) / 8,
-                "the samples have other shapes than the network");
+                "the shapes of the samples do not fit the network");
         for (size_t i = 0; i < drawn.size(); ++i)
             require(drawn.data()[i] >= 0 &&
                         static_cast<size_t>(drawn.data()[i]) < samples.count(),

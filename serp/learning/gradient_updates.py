@@ -86,7 +86,7 @@ class QLearning(_core.QLearning):
             first = f"a value of the network; the largest of its inputs is a {name}: {size:g}"
         return LearningFailure(
             f"learner: {what} in gradient update {self.steps + 1}, env step {env_step}. "
-            f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
+            f"The first non-finite number is {first}. Smaller inputs or rewards, or a "
             "smaller learner.learning_rate, keep the numbers small"
         )
 

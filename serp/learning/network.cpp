@@ -171,7 +171,7 @@ SERP_VECTOR_PRODUCTS void add(float* __restrict sum, const float* __restrict q, 
 }  // namespace
 
 Pass::Pass(const QNetwork& network, size_t batch) : batch(batch) {
-    if (batch > 1'000'000'000) throw std::invalid_argument("a batch has at most 10^9 rows");
+    if (batch > 1'000'000'000) throw std::invalid_argument("a batch may have at most 10^9 rows");
     size_t largest = 0;
     for (const Layer& layer : network.layers()) {
         const size_t size = batch * layer.outputs;

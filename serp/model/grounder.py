@@ -144,7 +144,7 @@ def instantiate(
 
 def _derived_too_often(name: str, place: Place) -> DomainError:
     problem = f"`{name}` is derived in too many ways over these objects"
-    advice = "use fewer objects, or events that set a predicate"
+    advice = "use fewer objects, or set the predicate in events"
     return DomainError(problem, place, advice, code="too-large")
 
 
@@ -289,10 +289,10 @@ class _Instantiation:
             init = self.problem.init if self.problem is not None else None
             place = init or self.domain.declarations[key[0]].place
             place.opening.warn(
-                f"`({' '.join(key)})` has no value, so forms that read it never apply: "
+                f"`({' '.join(key)})` has no value, so these forms, which read it, never apply: "
                 f"{listed(names, 3)}",
                 "missing-value",
-                advice=f"the problem file gives values to other instances of `{key[0]}`; if the "
+                advice=f"the problem file gives values to other instances of `{key[0]}`; if these "
                 f"forms should apply, add `(= ({' '.join(key)}) ...)` to its :init",
             )
 
@@ -531,7 +531,7 @@ class _Instantiation:
         if isinstance(expression, x.FunctionTerm) and expression.name == x.REWARD:
             if not metric.maximize:
                 raise DomainError(
-                    "`(reward)` is maximized, never minimized", metric.place, code="reserved-name"
+                    "`(reward)` is maximised, never minimised", metric.place, code="reserved-name"
                 )
             return None
         if x.REWARD in self.domain.declarations:
@@ -551,7 +551,7 @@ def _with_goal_value(model: g.GroundModel) -> g.GroundModel:
     written = [parameter.value for parameter in model.parameters]
     if not worth.bounded(written, 1.0):
         model.metric.place.warn(
-            "the files put no limit on what this can gain in a step, so reaching the goal is worth "
+            "the files set no limit on what this can gain in a step, so reaching the goal is worth "
             f"{UNBOUNDED:,.0f}",
             "unbounded-goal",
         )

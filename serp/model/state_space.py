@@ -123,7 +123,7 @@ class StateSpace:
         if len(state) < wanted:
             what = f"none for {listed(names[len(state) :])}"
         else:
-            what = f"{len(state) - wanted} more than the fluents {listed(names)}; leave them out, "
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}; drop the excess, "
             what += "or declare more fluents"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
 
@@ -134,7 +134,7 @@ class StateSpace:
             StateError: There is no such action.
         """
         if isinstance(action, bool | np.bool_):
-            raise StateError(f"an action is a name or a position, not {action!r}")
+            raise StateError(f"an action must be a name or a position, not {action!r}")
         if isinstance(action, str):
             name = " ".join(action.lower().strip("() ").split())
             if name not in self._actions:
@@ -143,14 +143,14 @@ class StateSpace:
         try:
             index = operator.index(action)
         except TypeError:
-            raise StateError(f"an action is a name or a position, not {action!r}") from None
+            raise StateError(f"an action must be a name or a position, not {action!r}") from None
         return self.check_action(index, 0)
 
     def check_action(self, action: int, least: int) -> int:
         """Return the position of an action."""
         if not least <= action < len(self.actions):
             last = len(self.actions) - 1
-            raise StateError(f"there is no action {action}; actions have the numbers 0 to {last}")
+            raise StateError(f"there is no action {action}; actions are numbered 0 to {last}")
         return action
 
     def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:
@@ -162,10 +162,10 @@ class StateSpace:
             )
         given = np.asarray(self.action_index(action) if isinstance(action, str) else action)
         if given.shape not in ((), (batch,)) or (given.size and given.dtype.kind not in "iu"):
-            raise StateError(f"actions must be {batch} positions, found {action!r}")
+            raise StateError(f"expected {batch} positions of actions, found {action!r}")
         actions = np.broadcast_to(given.astype(np.int64), (batch,))
         if batch and (actions.min() < 0 or actions.max() >= len(self.actions)):
-            raise StateError(f"actions must be from 0 to {len(self.actions) - 1}")
+            raise StateError(f"positions of actions must be from 0 to {len(self.actions) - 1}")
         return actions
 
 

@@ -40,7 +40,7 @@ class Site:
         if self.what == "conflict":
             why = "contradicts another effect"
         elif isinstance(self.item, g.SetBoolean | g.SetNumber) or self.item is None:
-            why = "gives no finite number"
+            why = "does not give a finite number"
         else:
             why = "divides by zero, so it is neither true nor false"
         item = self.schema if self.item is None or isinstance(self.item, g.Constant) else self.item

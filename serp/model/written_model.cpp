@@ -125,7 +125,7 @@ using Result = std::pair<Array<double>, Flags>;
 
 const double* state_of(const Model& model, const State& state) {
     if (state.size() != static_cast<size_t>(model.fluents()))
-        throw std::invalid_argument("a state of this model has " +
+        throw std::invalid_argument("a state of this model must have " +
                                     std::to_string(model.fluents()) + " numbers");
     return state.data();
 }

@@ -77,7 +77,7 @@ def _expression(node: Node, scope: Scope) -> x.Expression:
             return parse_number(node)
         if node.text == "#t":
             raise DomainError(
-                "`#t` may be used only as a factor of a rate in a process",
+                "`#t` may be used only in a process, as a factor of a rate",
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
             )
@@ -107,7 +107,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
         raise DomainError(
             f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
             group.items[0].place,
-            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse this",
+            f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse it",
             code="math-functions",
         )
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])
@@ -356,7 +356,7 @@ def _probability(node: Node) -> float:
     else:
         value = parse_number(node).value
     if not 0.0 <= value <= 1.0:
-        raise DomainError("a probability is a number from 0 to 1", node.place)
+        raise DomainError("a probability must be a number from 0 to 1", node.place)
     return value
 
 

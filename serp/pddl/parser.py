@@ -68,7 +68,7 @@ def _definition(source: Source, what: str, known: Sequence[str]) -> _Definition:
     """Read a file, which has each of the `known` sections but those of schemas once."""
     top = read_group(source)
     if top.head != "define":
-        raise DomainError("a PDDL file begins with `(define`", top.place)
+        raise DomainError("a PDDL file must begin with `(define`", top.place)
     title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
     if title is top or title.head not in ("domain", "problem"):
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
@@ -445,7 +445,7 @@ def _initial(
     for atom in atoms:
         if (place := denied.get(x.meaning(atom))) is not None:
             with source.recovering():
-                problem = f"`{atom.place.text}` is also stated true"
+                problem = f"`{atom.place.text}` is also stated to be true"
                 raise DomainError(problem, place, code="declared-twice")
     return tuple(atoms), tuple(values.values())
 

@@ -62,7 +62,7 @@ def read_group(source: Source) -> Group:
         raise DomainError(
             "the file holds no PDDL definition",
             source.place(0, 0),
-            "a PDDL file begins with `(define`",
+            "a PDDL file must begin with `(define`",
             code="stray-text",
         )
     define = tokens[0]
@@ -72,7 +72,7 @@ def read_group(source: Source) -> Group:
         raise DomainError(
             "there is text outside of parentheses",
             define.place,
-            "a PDDL file begins with `(define`",
+            "a PDDL file must begin with `(define`",
             code="stray-text",
         )
     begins = (
@@ -114,7 +114,7 @@ def _tokens(source: Source) -> Iterator[Word]:
                 raise DomainError(
                     f"`{match[2]}` does not begin a comment in PDDL",
                     source.place(*match.span(2)),
-                    "comments begin with `;`",
+                    "comments must begin with `;`",
                     write=";",
                     code="stray-text",
                 )
@@ -123,7 +123,7 @@ def _tokens(source: Source) -> Iterator[Word]:
             problem = f"character U+{ord(match[3]):04X} is not an ordinary space"
             with source.recovering():
                 raise DomainError(
-                    "the parentheses of PDDL are round" if bracket else problem,
+                    "PDDL uses round parentheses" if bracket else problem,
                     place,
                     "" if bracket else "replace it with a space",
                     write=bracket or " ",
@@ -228,7 +228,7 @@ class _SectionReader:
         return DomainError(
             "there is text after the end of the definition",
             place,
-            "a file holds one `(define ...)`; look for one `)` too many before this place",
+            "a file may hold only one `(define ...)`; look for one `)` too many before this place",
             code="stray-text",
         )
 

@@ -200,7 +200,7 @@ def expect_name(node: Node, what: str) -> Word:
         raise DomainError(
             f"`{node.text}` is not a valid name for {what}",
             node.place,
-            "a name begins with a letter, followed by letters, digits, `-` and `_`",
+            "a name must begin with a letter, followed by letters, digits, `-` and `_`",
         )
     return node
 
@@ -235,7 +235,7 @@ def typed_list(
         if variables:
             if not isinstance(node, Word) or not _VARIABLE.match(node.text):
                 shown = node.text if isinstance(node, Word) else "a list"
-                advice = "variables begin with `?`, as in `?robot`"
+                advice = "variables must begin with `?`, as in `?robot`"
                 if waiting and isinstance(node, Word) and is_name(node):
                     last = waiting[-1].text
                     advice = f"write `{last} - {shown}` for a type, `?{shown}` for a variable"
@@ -290,7 +290,7 @@ def parse_types(group: Group) -> dict[str, str]:
     mentioned: list[str] = []
     for word, types in typed_list(group.items[1:], "a type", variables=False):
         if len(types) > 1:
-            problem = "a type has one parent; `either` is for parameters"
+            problem = "a type can have only one parent; `either` is for parameters"
             raise DomainError(problem, word.place, code="type-conflict")
         parent = types[0].text if types else x.OBJECT
         if word.text == x.OBJECT:
@@ -349,7 +349,7 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDe
     objects: dict[str, x.ObjectDeclaration] = {}
     for word, types in typed_list(group.items[1:], "an object", variables=False):
         if len(types) > 1:
-            raise DomainError("an object has one type", word.place, code="type-conflict")
+            raise DomainError("an object can have only one type", word.place, code="type-conflict")
         type_name = check_type(types[0], parents) if types else x.OBJECT
         if word.text in objects:
             declared_again(word, "object", same=objects[word.text].type == type_name)
@@ -449,7 +449,7 @@ def without_parentheses(word: Word) -> Group:
 def _check_number_type(kind: Node, since: Sequence[Node]) -> None:
     """Check the type of the functions since the one before; the last of them is the dash."""
     if len(since) == 1:
-        raise DomainError("`-` needs functions before it and `number` after it", since[0].place)
+        raise DomainError("`-` needs functions before it, and `number` after it", since[0].place)
     if not isinstance(kind, Word) or kind.text != "number":
         problem = "functions with values other than numbers are not supported"
         raise unsupported(problem, kind.place, ":object-fluents")

@@ -115,7 +115,7 @@ def in_number(group: Group, declared: Declared) -> DomainError | None:
         return None
     if head in _MATH:
         more = "`, `".join(MATH_FUNCTIONS)
-        problem = f"`{head}` is not supported; numbers have `+`, `-`, `*`, `/` and, with "
+        problem = f"`{head}` is not supported; arithmetic has `+`, `-`, `*`, `/` and, with "
         problem += f"`{MATH_REQUIREMENT}`, `{more}`"
         return DomainError(problem, group.items[0].place, _MATH[head], code="math-functions")
     if len(group.items) == 1 and head[:1].isdigit():

@@ -249,7 +249,7 @@ void restore(ClosedGraph& closed, const nb::dict& columns) {
 
 void grow(ClosedGraph& closed, const In<double, nb::ndim<2>>& states, std::int64_t limit) {
     if (states.shape(1) != static_cast<std::size_t>(closed.graph().width))
-        refuse("a state has " + std::to_string(closed.graph().width) + " numbers");
+        refuse("a state must have " + std::to_string(closed.graph().width) + " numbers");
     closed.grow(states.data(), static_cast<int>(states.shape(0)), limit);
 }
 

@@ -355,7 +355,7 @@ Result result_of(LookaheadForecast&& of) {
 void check_width(const Lookahead& lookahead, std::size_t numbers, const CellValues* leaves) {
     if (numbers != static_cast<std::size_t>(lookahead.width()) ||
         (leaves && leaves->width() != lookahead.width()))
-        throw std::invalid_argument("a state has " + std::to_string(lookahead.width()) +
+        throw std::invalid_argument("a state must have " + std::to_string(lookahead.width()) +
                                     " numbers");
 }
 

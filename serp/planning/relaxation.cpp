@@ -45,7 +45,7 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
     for (const auto& [facts, cost, adds, action] : operators) {
         const int number = static_cast<int>(cost_.size());
         if (!(cost >= 0.0 && cost < INFINITE))
-            throw std::invalid_argument("an operator has a cost that is not usable");
+            throw std::invalid_argument("the cost of an operator is not usable");
         int needs = 0;
         for (const int fact : facts) {
             auto& its_users = users[checked(fact, facts_, "fact")];
@@ -66,7 +66,7 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
             checked(fact, facts_, "fact");
             if (amount >= 0) checked(amount, facts_, "fact");
             if ((gain > 0.0 || amount >= 0) && (fact < base || (amount >= 0 && amount < base)))
-                throw std::invalid_argument("a fact that is no comparison has a gain");
+                throw std::invalid_argument("a fact that is not a comparison has a gain");
             if (gain > 0.0) step_[fact - base] = std::max(step_[fact - base], gain);
             adds_.add(addition);
         }

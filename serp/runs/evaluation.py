@@ -79,7 +79,7 @@ class EvaluationResult:
         if (count := len(self.returns)) >= WINDOW:
             return None
         rough = f"There are few episodes ({count}), so mean and interval are rough."
-        return f"{rough} Take at least {WINDOW}."
+        return f"{rough} Use at least {WINDOW}."
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON values: the fields, and statistics of the returns."""

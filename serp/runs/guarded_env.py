@@ -81,7 +81,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
         """Make an env step."""
         rollout = self.running
         if not self.action_space.contains(action):
-            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
+            raise gym.error.InvalidAction(f"{action!r} is not an action of {self.action_space}")
         step = rollout.step(self.decide(rollout, int(action)))
         info = self.after_step(step)
         return step.next_x.astype(np.float32), step.reward, step.terminated, step.truncated, info
@@ -90,7 +90,7 @@ class TaskEnv(gym.Env[NDArray[np.float32], np.int64]):
     def running(self) -> Rollout:
         """The running episode; without any, `ResetNeeded` is raised."""
         if self._rollout is None or self._rollout.over:
-            raise gym.error.ResetNeeded("reset comes before step")
+            raise gym.error.ResetNeeded("call reset() before step()")
         return self._rollout
 
     def render(self) -> Any:

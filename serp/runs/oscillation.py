@@ -52,7 +52,7 @@ def oscillation(run: Run, recording: Recording) -> str | None:
     planned = steps["executed_by"][cycle] == ACTORS.index(Actor.PLANNER)
     indifferent = float((planned & steps["indifferent"][cycle]).mean())
     if wrong >= 0.5:
-        why = "the file predicts other states for these actions: see the findings of serp diagnose"
+        why = "the file predicts these actions wrongly: see the findings of serp diagnose"
     elif indifferent >= 0.5:
         why = "the planner finds no reward: add one on the way, or increase planner.depth"
     elif planned.mean() < 0.5:
@@ -62,5 +62,5 @@ def oscillation(run: Run, recording: Recording) -> str | None:
     which = " and ".join(f"`{name}`" for name, _ in common)
     return (
         f"The robot moves back and forth without progress in {percent(len(cycle) / len(states))} "
-        f"of the newest {len(states):,} steps, with {which}. The likely cause: {why}."
+        f"of the newest {len(states):,} steps, with {which}. Likely cause: {why}."
     )

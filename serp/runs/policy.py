@@ -155,7 +155,7 @@ class Policy:
             raw = [gym.spaces.unflatten(space, one) for one in observations if whole]
         except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
             raise RunError(
-                f"{folder} is not what `serp export` wrote, or does not fit together ({error}); "
+                f"{folder} is not what `serp export` wrote, or its files do not match ({error}); "
                 "copy the whole folder again, or export the run again with `serp export`"
             ) from None
         except SerpError as error:
@@ -183,7 +183,7 @@ class Policy:
                 failed.
         """
         if state is None and self._ground is None:
-            raise RunError("give `state=`, or make the policy by Policy(folder, ground=...)")
+            raise RunError("give `state=`, or make the policy with Policy(folder, ground=...)")
         agent, task = self.agent, self.agent.task
         if state is None:
             return agent.decide_greedily(*agent.perceive(observation))

@@ -134,7 +134,7 @@ def rollout_envs(task: BoundTask, count: int) -> Iterator[list[RolloutEnv]]:
         raise SettingsError(
             f"training.num_envs is {count}, but a wrapper of the environment keeps running "
             "statistics (as NormalizeObservation does). They would differ between environments. "
-            "Set training.num_envs to 1, or normalise by fixed numbers"
+            "Set training.num_envs to 1, or normalise with fixed numbers"
         )
     with contextlib.ExitStack() as stack:
         tasks = [stack.enter_context(RemoteTask(task, k + 1)) for k in range(count)]

@@ -63,7 +63,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
         TaskError: The task is not installed.
     """
     if not isinstance(folder, str | os.PathLike):
-        raise RunError(f"a run is given by its folder, not by {folder!r}")
+        raise RunError(f"give the folder of a run, not {folder!r}")
     run = Run(Path(folder), task)
     _ = run.task  # whose errors are raised here
     return run
@@ -166,7 +166,7 @@ class Run(Closing):
             return "the rewards of the domain file, computed from what actually happened"
         return (
             "the environment's reward, and the planner plans with the file's. With "
-            "training.reward=sum the learner learns from both, with training.reward=domain only "
+            "training.reward=sum, the learner learns from both; with training.reward=domain, only "
             "from the file's"
         )
 
@@ -183,7 +183,7 @@ class Run(Closing):
             content = read_regular(path)[: written.whole("bytes")]
             if hashlib.sha256(content).hexdigest() != written.part("sha256")[1]:
                 raise RunError(
-                    f"{path} is not what the run had written: it was changed or damaged since. "
+                    f"{path} is not what the run wrote: it has been changed or damaged since. "
                     "Restore it from a copy, or begin a new run with another --out."
                 )
         return path
@@ -224,8 +224,8 @@ class Run(Closing):
         if task is None and made.world is None:
             if made.code and made.task not in task_entries():
                 raise RunError(
-                    f"{self.path} was made of the task in {made.code}; give it by --task, or in "
-                    f"Python: serp.load_run({str(self.path)!r}, task=task())"
+                    f"{self.path} was made with the task in {made.code}; give it with --task or, "
+                    f"in Python: serp.load_run({str(self.path)!r}, task=task())"
                 )
             task = load_task(made.task)
         domain = self._parsed()

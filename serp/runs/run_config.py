@@ -132,10 +132,10 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         RunError: There is none, or a value is missing or wrong.
     """
     if os.path.isfile(folder):
-        raise RunError(f"{folder} is a file; a run is given by its folder.")
+        raise RunError(f"{folder} is a file; give the folder of a run.")
     within = folder if os.path.isdir(folder) else folder.parent
     runs = sorted(str(each.parent) for each in within.glob(f"*/{CONFIG}"))
-    there = f" There are the runs {listed(runs)}." if runs else ""
+    there = f" Existing runs: {listed(runs)}." if runs else ""
     if within != folder:
         raise RunError(f"there is no folder {folder}.{there}")
     file = folder / CONFIG
@@ -151,7 +151,7 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         wrote = versions.get("serp") if isinstance(versions, dict) else None
         raise RunError(
             f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
-            f"{version!r}, this version reads format {FORMAT}. Use the other one, or train again."
+            f"{version!r}, this version reads format {FORMAT}. Use that version, or train again."
         )
     try:
         return about, _Metadata.model_validate(about).config

@@ -215,7 +215,7 @@ def _cell(value: Any) -> str | float | None:
 
 
 _CELLS: Final[Mapping[Any, tuple[Callable[[str], float], str]]] = {
-    int: (lambda cell: int(np.int64(cell)), "a whole number of 64 bits"),
+    int: (lambda cell: int(np.int64(cell)), "a 64-bit whole number"),
     bool: ({"0": False, "1": True}.__getitem__, "0 or 1"),
     float: (lambda cell: float(cell or "nan"), "a number"),
 }

@@ -181,7 +181,7 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
         def after_step(step: StepRecord) -> None:
             answer = stopping.answer(
                 "the episode" if len(trainer.environments) == 1 else "the episodes",
-                "the run then continues from its last checkpoint",
+                "a resumed run then continues from its last checkpoint",
             )
             if answer is not None:
                 progress.answer(answer)
@@ -196,7 +196,7 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
             longest = trainer.settings.training.episode_steps
             if longest > (budget.env_steps or longest) and not trainer.task.time_limited:
                 text = f"an episode may take {longest:,} env steps (training.episode_steps)"
-                progress.note(f"The environment states no time limit, so {text}.")
+                progress.note(f"The environment declares no time limit, so {text}.")
             if trainer.agent.adaptation.notice is not None:
                 progress.note(trainer.agent.adaptation.notice)
             if budget.spent_by(trainer):

@@ -93,8 +93,8 @@ class BoundTask(Closing):
         self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(
-                f"task {self.name}: the domain says nothing about reward; let an action or event "
-                "`(increase (reward) ...)`, or set reward='environment'"
+                f"task {self.name}: the domain says nothing about reward; write `(increase "
+                "(reward) ...)` in an action or event, or set reward='environment'"
             )
         try:
             if isinstance(sample, Mapping):
@@ -128,7 +128,7 @@ class BoundTask(Closing):
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
         if render_mode is not None and self.task.world is not None:
             raise TaskError(
-                f"task {self.name}: a world made of a file has no pictures; `serp why` shows "
+                f"task {self.name}: a world made from a file has no pictures; `serp why` shows "
                 "its steps"
             )
         if render_mode is not None and not takes(self.task.make_env, "render_mode"):
@@ -141,7 +141,7 @@ class BoundTask(Closing):
             env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
         except Exception as error:
             raise EnvironmentFailure(
-                f"task {self.name}: making the environment failed: {raised(error)}"
+                f"task {self.name}: make_env failed: {raised(error)}"
             ) from error
         if not isinstance(env, gym.Env):
             raise TaskError(
@@ -208,8 +208,8 @@ class BoundTask(Closing):
                 now = getattr(self.env, what)
                 if now is not before and now != before:
                     raise EnvironmentFailure(
-                        f"the environment's {what} was {before} and now is {now}; it must not "
-                        "change, so make one environment for each"
+                        f"the environment's {what} was {before} and now is {now}; spaces must "
+                        "not change, so make one environment for each"
                     )
             return reset_answer(self.env.reset(seed=seed))
 

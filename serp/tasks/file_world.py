@@ -30,17 +30,17 @@ Chance = Annotated[float, Field(ge=0, lt=1)]
 
 
 class WorldOptions(Section):
-    """The options of a world that is made of a file (`serp.file_task`)."""
+    """The options of a world that is made from a file (`serp.file_task`)."""
 
     failure: Chance = 0.0
     """Probability that an action does nothing."""
     slip: Chance = 0.0
     """Probability that another action happens instead: one of those whose precondition holds, each
-    as likely as the others. Where there is none, nothing happens."""
+    as likely as the others. If there is none, nothing happens."""
     noise: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Standard deviation of the change of a number, as a share of this change. What actions and
-    processes change by d becomes a change by d · (1 + noise · z), with z from the standard normal
-    distribution, before events are looked at."""
+    """Standard deviation of the change in a number, as a share of this change. A change by d that
+    actions and processes make becomes d · (1 + noise · z), with z from the standard normal
+    distribution, before events are checked."""
     max_steps: Annotated[int, Field(ge=1, le=COUNTED)] = 1_000
     """Steps after which an episode is cut off."""
 
@@ -49,7 +49,7 @@ class WorldOptions(Section):
         if self.failure + self.slip > 1.0:
             raise ValueError(
                 f"failure and world.slip are {self.failure!r} and {self.slip!r}; an action fails, "
-                "slips or is carried out, so together they must be at most 1"
+                "slips or is carried out, so the two must add up to at most 1"
             )
         return self
 
@@ -177,7 +177,7 @@ class FileWorld(gym.Env[Vector, int]):
             TaskError: The step has no result, such as after a division by zero.
         """
         if not self.action_space.contains(action):
-            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
+            raise gym.error.InvalidAction(f"{action!r} is not an action of {self.action_space}")
         done = self._disturbed(int(action))
         outcome = self._drawn(done)
         out, flags, trace = self._carried_out(done, outcome)
@@ -189,8 +189,8 @@ class FileWorld(gym.Env[Vector, int]):
             name = "waiting" if done < 0 else model.actions[done].name
             raise TaskError(
                 f"{model.ground.syntax.place.source.name}: the step `{name}` has no result in "
-                f"{model.values(self.state)}: it divides by zero, is not finite, or "
-                "contradicts itself"
+                f"{model.values(self.state)}: a value is not finite, or effects "
+                "contradict each other"
             )
         reward = out.pop()
         self.state, self.happened = np.array(out), Happened(done, outcome, flags, trace)
@@ -295,11 +295,11 @@ def _initial_state(domain: Domain) -> Vector:
     model, problem = domain.model, domain.problem_syntax
     if not model.actions:
         raise DomainError(
-            "there is no action that can ever be carried out", domain.syntax.place, code="no-action"
+            "no action can ever be carried out", domain.syntax.place, code="no-action"
         )
     if problem is None or not problem.has_init:
         raise DomainError(
-            "a world made of a file begins in the :init of a problem, but no :init was found",
+            "a world made from a file begins in the :init of a problem, but no :init was found",
             domain.syntax.place if problem is None else problem.place,
             f"write `(:init ...)` in a problem file, by default {domain.syntax.name}-problem.pddl "
             "beside the domain file",

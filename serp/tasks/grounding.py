@@ -37,7 +37,7 @@ class Grounding:
             signature.bind(None, **dict.fromkeys(self.takes))
         except TypeError as error:
             raise TaskError(
-                f"ground{signature} cannot be called: {error}; its parameters are the "
+                f"ground{signature} cannot be called: {error}; its parameters must be the "
                 "observation and, if needed, `info` and `env`: ground(observation, info, env)"
             ) from None
 

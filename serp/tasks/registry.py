@@ -143,7 +143,7 @@ def _only(module: ModuleType, name: str) -> Any:
         raise TaskError(f"--task {name}: there are several tasks; write one of {which}")
     if own := environments_of(module):
         write = f"`serp new NAME --env {name}:{own[0]}` writes a task for `{own[0]}`"
-        raise TaskError(f"--task {name}: it holds no task, but an environment; {write}")
+        raise TaskError(f"--task {name}: it holds an environment, not a task; {write}")
     raise TaskError(
         f"--task {name}: it holds no serp.Task, and no function annotated `-> serp.Task`; if a "
         f"function without this annotation returns the task, write `--task {name}:FUNCTION`"
@@ -222,7 +222,7 @@ def find_task(named: Task | str) -> Task:
     if _is_task(named):
         return named
     if not isinstance(named, str):
-        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {named!r}")
+        raise TaskError(f"a task must be a serp.Task, a name or a domain file, not {named!r}")
     path = find_domain_file(named)
     if path is None and Path(named).is_dir() and named not in task_entries():
         raise TaskError(f"{named} is a folder; give one of the files in it, or the name of a task")
@@ -235,9 +235,9 @@ def find_task(named: Task | str) -> Task:
     if loaded.problem_syntax is None or not loaded.problem_syntax.has_init:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
-            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have "
-            "an environment, write a serp.Task (as `serp new` does) and give --task "
-            "FILE.py:FUNCTION. If not, add a problem file with an `:init` to train in its world"
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}). If you have an "
+            "environment, write a serp.Task (as `serp new` does) and give --task FILE.py:FUNCTION. "
+            "If not, add a problem file with an `:init` to train in the file's world"
         )
     from serp.tasks.file_world import file_task
 

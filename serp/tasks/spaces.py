@@ -127,7 +127,7 @@ def described(space: Any) -> dict[str, Any]:
     for kind, names in _DESCRIBED.items():
         if isinstance(space, getattr(spaces, kind)):
             return {kind: {name: getattr(space, name) for name in names}}
-    raise TaskError(f"observations of {space}, not one of Gymnasium's own spaces, are not exported")
+    raise TaskError(f"observations of {space} are not exported: it is not a space of Gymnasium")
 
 
 def space_of(description: Mapping[str, Any], most: int) -> spaces.Space[Any]:
@@ -176,7 +176,7 @@ def _without(paths: Collection[str], space: Any) -> str:
     if not isinstance(space, spaces.Dict):
         return ""
     kept = [key for key in space.spaces if not any(p.split(".")[0] == str(key) for p in paths)]
-    return f"; keep the others by gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
+    return f"; keep the rest with gymnasium.wrappers.FilterObservation(env, {kept})" if kept else ""
 
 
 def _entry(leaf: spaces.Space[Any], index: int, path: str) -> str:

@@ -48,8 +48,8 @@ own_task_option = click.option(
 
 domain_option = click.option(
     "--domain", metavar="NAME|FILE",
-    help="Installed task, or its domain file. Of any other file, SErP simulates the world, as "
-         "in serp play.")  # fmt: skip
+    help="An installed task or a domain file. If no task belongs to the file, SErP simulates "
+         "the file's world, as in serp play.")  # fmt: skip
 
 problem_option = click.option(
     "--problem", type=click.Path(path_type=Path), metavar="FILE",

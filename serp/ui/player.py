@@ -141,7 +141,7 @@ class Player:
         if len(matches) == 1:
             return matches[0]
         if matches:
-            raise SerpError(f"`{name}` may be {' or '.join(names[k] for k in matches[:8])}")
+            raise SerpError(f"`{name}` may mean {' or '.join(names[k] for k in matches[:8])}")
         known = did_you_mean(name, [*names, "save"])
         raise SerpError(f"there is no action or command `{name}`; {known} (h: help)")
 
@@ -223,7 +223,7 @@ class Player:
     def _print_step(self, step: GameStep) -> None:
         action, moment = step.chosen, self.game.moment
         if step.refusal:
-            action += " is not applicable, and nothing is done"
+            action += " is not applicable, so nothing is done"
         elif step.carried_out is None:
             action += " fails: nothing is done"
         elif step.carried_out != step.chosen:

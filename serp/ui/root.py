@@ -143,7 +143,7 @@ SECTIONS = {
         "tune": "trials",
         "list": "list",
     },
-    "After a training": {
+    "After training": {
         "why": "trained",
         "report": "trained",
         "evaluate": "trained",

@@ -112,7 +112,7 @@ def test_a_search_is_the_same_in_every_process(capsys):
         ("pyperplan:astar:lmcat", "", "", "no heuristic `lmcat`; did you mean `lmcut`"),
         ("pyperplan:bfs:hff", "", "", "takes no heuristic; write `pyperplan:bfs`"),
         ("pyperplan:gbf:hff:1", "", "", "write `pyperplan:SEARCH:HEURISTIC`"),
-        ("pyperplan", GOAL, "", r"generated.pddl:1:1: .*the goal"),
+        ("pyperplan", GOAL, "", r"generated.pddl:1:1: .*has no goal"),
         ("pyperplan", "(at ?p) (next", "(> (battery) 0) (next", "a number decides(?s:.*)up:enhsp"),
         ("pyperplan", "(hot ?r)) :effect (unsafe)", "(hot ?r)) :effect (light)", "knows no events"),
     ],

@@ -82,11 +82,11 @@ def test_what_is_wrong_is_named():
     env.reset()
     with pytest.raises(ValueError, match="option `rest` ended without a control"):
         env.step(0)
-    with pytest.raises(InvalidAction, match="1 is no action of Discrete"):
+    with pytest.raises(InvalidAction, match="1 is not an action of Discrete"):
         env.step(1)
-    with pytest.raises(ValueError, match="1 step or more, not"):
+    with pytest.raises(ValueError, match="at least 1 step, not"):
         option(along, steps=0)
-    with pytest.raises(TypeError, match="a controller is a function"):
+    with pytest.raises(TypeError, match="a controller must be a function"):
         option(np.ones(1), steps=3)
     env = MacroActions(gymnasium.make("Pendulum-v1"), {"along": along})
     env.reset()

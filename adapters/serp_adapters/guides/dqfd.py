@@ -15,7 +15,7 @@ from serp.settings import Settings
 
 
 class Demonstrations(Strategy):
-    """The planner demonstrates, then the learner acts, tied to that by a margin (DQfD).
+    """The planner demonstrates; then the learner acts, tied to the planner by a margin (DQfD).
 
     Hester et al. 2018, "Deep Q-learning from demonstrations", AAAI, arXiv 1704.03732: on what was
     demonstrated, the planner's action is to be worth a margin more than any other, beside the loss

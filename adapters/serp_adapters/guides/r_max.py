@@ -25,7 +25,7 @@ _CLOSE: Final = 1e-3
 
 
 class RMax(Planned):
-    """A table of observed steps decides, in which unknown actions are worth the most (R-Max).
+    """A table of observed steps decides; unknown actions have the highest value in it (R-Max).
 
     Brafman and Tennenholtz 2002, "R-MAX - a general polynomial time algorithm for near-optimal
     reinforcement learning", JMLR 3. States are told apart by their fluents, exactly, so that the
@@ -52,7 +52,7 @@ class RMax(Planned):
     @property
     def choice(self) -> str:
         """In words: what `propose_greedily` returns."""
-        return "the best known action of the table, the planner's where the state is unknown"
+        return "the table's best known action, or the planner's where the state is unknown"
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return an unknown action if there is one, the planner's before others; else the best."""
@@ -163,7 +163,7 @@ class RMax(Planned):
         numbers = {state.tobytes(): number for number, state in enumerate(states)}
         table = {key: [*row] for key, row in zip(keys, sums, strict=True)}
         if len(numbers) < count or len(table) < rows:
-            raise saved.wrong("a state or a transition is there twice")
+            raise saved.wrong("a state or a transition occurs twice")
         self._numbers, self._states, self._open = numbers, states, open_
         self._rows, self._largest, self._q = table, largest, None
         self._tries = {}

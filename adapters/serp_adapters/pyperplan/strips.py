@@ -65,10 +65,10 @@ class Strips:
     def __init__(self, ground: g.GroundModel, planner: str) -> None:
         if ground.goal is None:
             raise DomainError(
-                f"`{planner}` searches for a way to the goal, and there is none",
+                f"`{planner}` searches for a way to a goal, but the problem has no goal",
                 ground.syntax.place,
                 "write `(:goal (and ...))` in the problem file, or plan with `far-sight`, which "
-                "goes by rewards",
+                "plans for rewards",
             )
         self._planner = planner
         self._theta = [parameter.value for parameter in ground.parameters]
@@ -146,9 +146,9 @@ class Strips:
         left, right = linear(test.left, self._theta), linear(test.right, self._theta)
         if left.terms or right.terms:
             raise DomainError(
-                f"`{self._planner}` plans with predicates alone, and here a number decides",
+                f"`{self._planner}` plans with predicates alone, but a number decides here",
                 test.place,
-                f"say it by a predicate, or {_ELSEWHERE}",
+                f"use a predicate instead, or {_ELSEWHERE}",
             )
         return _COMPARISONS[test.operator](left.constant - right.constant)
 
@@ -216,7 +216,7 @@ class Strips:
             target = effect.target
             if isinstance(effect, g.SetBoolean) and {2 * target, 2 * target + 1} & self.facts:
                 raise DomainError(
-                    f"`{self._planner}` knows no events, and this one changes "
+                    f"`{self._planner}` knows no events, but this one changes "
                     f"`{ground.fluents[target].name}`, which conditions read",
                     effect.place,
                     "make it an effect of the actions, or plan with `far-sight`",

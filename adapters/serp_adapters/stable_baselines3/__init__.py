@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from serp.errors import MissingExtra
 
 if find_spec("stable_baselines3") is None:
-    raise MissingExtra("what is of stable-baselines3 (`sb3-dqn`, `ppo`, `maskable-ppo`)", "sb3")
+    raise MissingExtra("stable-baselines3 (`sb3-dqn`, `ppo`, `maskable-ppo`)", "sb3")
 
 from serp_adapters.stable_baselines3.algorithms import MaskedPPO, StableBaselines3, dqn, ppo
 

@@ -72,7 +72,7 @@ class StableBaselines3:
 
 
 def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
-    """stable-baselines3's DQN, rl-zoo's settings where they exist.
+    """stable-baselines3's DQN, with rl-zoo's settings where they exist.
 
     Args:
         env: Environment with flat observations and discrete actions; its reward is learned from.
@@ -89,7 +89,7 @@ def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
 
 
 def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
-    """stable-baselines3's PPO, rl-zoo's settings where they exist.
+    """stable-baselines3's PPO, with rl-zoo's settings where they exist.
 
     The zoo runs eight environments side by side on CartPole-v1, 32 steps each between updates. Here
     there is one, which makes the same 256 steps.

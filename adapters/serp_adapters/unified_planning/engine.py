@@ -75,7 +75,7 @@ _CREDITS: Final = Credits(
     "MIT",
     "Closed planning graphs and best-first width search on compiled PDDL models.",
     "SErP (Sample Efficient robot Policies) plans on a closed graph of all reachable states where "
-    "that is small, else in the neighbourhood of a way that a best-first width search finds.",
+    "that is small, else in the neighbourhood of a plan that a best-first width search finds.",
 )
 
 

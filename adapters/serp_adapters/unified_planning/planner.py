@@ -88,8 +88,8 @@ class EnginePlans:
             self._told = True
             why = answer.get("status") or answer.get("error", "it did not say why")
             warnings.warn(
-                f"planner `up:{self.engine}` found no plan ({why}) and `far-sight` decides; this "
-                "is said only once",
+                f"planner `up:{self.engine}` found no plan ({why}), so `far-sight` decides; this "
+                "message appears only once",
                 Notice,
                 stacklevel=2,
             )
@@ -146,7 +146,7 @@ class EnginePlans:
         if late:
             return {"error": f"no answer in {seconds:g} seconds"}
         if whole:
-            return {"error": f"its process wrote {reprlib.repr(line)}, which is no answer"}
+            return {"error": f"its process wrote {reprlib.repr(line)}, which is not an answer"}
         code = process.returncode
         cause = "; not enough memory?" if code == -9 else ""
         return {"error": f"its process ended with exit status {code}{cause}"}

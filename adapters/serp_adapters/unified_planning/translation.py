@@ -28,7 +28,7 @@ from serp.pddl.syntax import Change, Kind
 from serp.planning.goal_search import succeeds
 from serp.planning.inert import inert_fluents
 
-_ADVICE: Final = "the planners `far-sight` and `lookahead` of serp plan with it"
+_ADVICE: Final = "use the planner `far-sight` or `lookahead`, which can plan with it"
 _OPPOSITE: Final = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
 _SIGNS: Final = {Change.INCREASE: 1, Change.DECREASE: -1}
 SUCCESS: Final = "success"
@@ -77,13 +77,13 @@ class _Translation:
             for effect in event.effects:
                 if effect.target >= 0 and effect.target not in self.left_out:
                     raise DomainError(
-                        "planning engines of unified-planning know no events that change fluents",
+                        "planning engines of unified-planning know no event that changes fluents",
                         effect.place, f"write it as an effect of the actions; or {_ADVICE}",
                     )  # fmt: skip
         if ground.goal is None and not self.successes:
             raise DomainError(
                 "planning engines of unified-planning need a goal", ground.syntax.place,
-                "write `(:goal ...)` in the problem file; or here an event with the effects "
+                "write `(:goal ...)` in the problem file; or write an event here with the effects "
                 "`(increase (reward) 1)` and `(terminal)`",
             )  # fmt: skip
         no_end, no_harm = (

@@ -102,8 +102,8 @@ class Planning:
         split = sum(_variants(conditions, effects) for _, conditions, effects in task["actions"])
         if "DISJUNCTIVE_CONDITIONS" in missing and split > MOST_VARIANTS:
             raise Refused(
-                f"the engine `{engine}` takes no disjunctions, and without them this file has "
-                f"{split} actions, more than {MOST_VARIANTS}; take an engine that takes them, such "
+                f"the engine `{engine}` takes no disjunctions. Splitting them gives {split} "
+                f"actions, more than {MOST_VARIANTS}. Use an engine that takes disjunctions, such "
                 "as `enhsp`"
             )
 

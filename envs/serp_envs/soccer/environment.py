@@ -81,7 +81,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         if set(options) - {"game"}:
             raise ValueError(f"the only option is game, not {', '.join(sorted(options))}")
         if game is not None and (type(game) is not int or game < 0):
-            raise ValueError(f"game is the number of a game, from 0, not {game!r}")
+            raise ValueError(f"game must be the number of a game, from 0, not {game!r}")
         super().reset(seed=seed)
         self.clock.start(game)
         self._running = True

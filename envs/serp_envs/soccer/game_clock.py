@@ -57,13 +57,13 @@ class GameClock:
             isinstance(count, int) and not isinstance(count, bool) and count >= 0
             for count in counts
         ):
-            raise ValueError(f"a game clock has the counts game and contest, not {dict(state)}")
+            raise ValueError(f"a game clock needs the counts game and contest, not {dict(state)}")
         # The contest that ends a game begins within it and takes a minute or so.
         if (
             isinstance(seconds, bool)
             or not isinstance(seconds, int | float)
             or not 0.0 <= seconds < 2.0 * GAME
         ):
-            raise ValueError(f"seconds of a game are from 0 to {2.0 * GAME}, not {seconds!r}")
+            raise ValueError(f"seconds of a game must be from 0 to {2.0 * GAME}, not {seconds!r}")
         self.game, self.contest = state["game"], state["contest"]
         self.seconds = float(seconds)

@@ -125,20 +125,20 @@ MEANINGS = {
         for word, instead in INSTEAD.items()
         if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
     },
-    ":requirements": "The features that other PDDL tools need to read the file.",
-    ":types": "Kinds of objects: `cup plate - dish` are two kinds of dishes.",
+    ":requirements": "The PDDL features that a tool must support to read the file.",
+    ":types": "Kinds of objects: `cup plate - dish` declares two kinds of dish.",
     ":constants": "Objects that every problem has.",
     ":predicates": "Facts that are true or false.",
-    ":functions": "Quantities that have a number.",
+    ":functions": "Quantities with a numeric value.",
     ":action": "What the robot can do. One action is carried out in each step.",
-    ":process": "What the world does by itself: while its condition holds, it changes numbers at a "
-    "rate, after the action of each step.",
-    ":event": "What happens at a threshold: once in a step, if its condition holds after the "
-    "action and the processes.",
+    ":process": "What the world does by itself: while its condition holds, a process changes "
+    "numbers at a rate, after the action of each step.",
+    ":event": "What happens at a threshold: an event happens once in a step, if its condition "
+    "holds after the action and the processes.",
     ":parameters": "Variables for objects. Each choice of objects gives one instance.",
-    ":precondition": "When it can happen. An action whose precondition does not hold is not "
-    "applicable.",
-    ":effect": "What it changes. All effects are evaluated before any is applied.",
+    ":precondition": "When the action, process or event can happen. An action whose "
+    "precondition does not hold is not applicable.",
+    ":effect": "What changes. All effects are evaluated before any is applied.",
     ":init": "The initial state. Predicates that it does not list are false.",
     ":goal": "If this holds, the task ends.",
     ":metric": "What is to be maximised or minimised; `(reward)` by default.",
@@ -153,8 +153,8 @@ MEANINGS = {
     "scale-down": "Divides a function by a number.",
     "#t": "The time that passes in a step, by which a process multiplies its rate.",
     "reward": "Reserved: its increase in a step is the reward of the step.",
-    "unsafe": "Reserved: make it true if something is damaged. Such actions are avoided while "
-    "another action is possible. It is false again in the next step.",
+    "unsafe": "Reserved: make it true if something is damaged. Actions that make it true are "
+    "avoided while another action is possible. It is false again in the next step.",
     "terminal": "Reserved: if it becomes true, the task ends.",
     "minimize": "The decrease of this number in a step is the reward of the step.",
     "maximize": "The increase of this number in a step is the reward of the step.",

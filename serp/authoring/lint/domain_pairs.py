@@ -84,7 +84,7 @@ def domain_not_found(problem: Source) -> DomainError:
     places = {group.head: group.place for group in read_what_can_be(problem)}
     named = places.get(":domain", places["problem"])
     return DomainError(
-        "this is a problem file, and its domain file is not known",
+        "this is a problem file, but its domain file is not known",
         problem.place(named.start, named.end),
         f"give both, as in `serp check domain.pddl {problem.name}`",
         code="missing-domain",

@@ -113,7 +113,7 @@ def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
             yield DomainWarning(
                 f"`{effect.place.text}` in {what} is `{opposite}`, because the number is negative",
                 effect.place,
-                advice=f"leave the minus out, or write `{opposite}`",
+                advice=f"leave out the minus, or write `{opposite}`",
                 fix=Fix((Edit(begin, begin + 1, ""),), sure=False),
             )
 

@@ -74,7 +74,7 @@ def read_scenarios(source: Source, domain: Domain, model: TransitionModel) -> li
                 raise DomainError(
                     f"`{line.next_word.text}` comes before the first scenario",
                     line.place,
-                    "a scenario begins with a line such as `scenario the pole leans to the right`",
+                    "begin a scenario with a line such as `scenario the pole leans to the right`",
                 )
             else:
                 current = line.added_to(current, scenarios)
@@ -357,7 +357,7 @@ class _Statement:
 
     def _missing(self, what: str, example: str, advice: str = "") -> DomainError:
         word = self.next_word
-        problem = f"found `{word.text}`" if word.text else "the line ends"
+        problem = f"found `{word.text}`" if word.text else "but the line ends"
         advice = advice or (f"for example `{example}`" if example else "")
         return DomainError(f"expected {what}, {problem}", word, advice)
 

@@ -1,4 +1,4 @@
-; Where ${name} begins. What is not said is false.
+; Where ${name} begins. What is not stated is false.
 
 (define (problem start)
   (:domain ${name})

@@ -21,9 +21,9 @@
   (:functions
     (position)   ; metres from home; the parcel lies at 3, the rail ends at 4
     (battery)    ; steps that it lasts
-    (reward))    ; reserved: what it gains in a step is the reward of the step
+    (reward))    ; reserved: its increase in a step is the reward of the step
 
-  ; What the robot can do: an action is possible where its precondition holds, and its effects are
+  ; What the robot can do: an action is possible if its precondition holds, and its effects are
   ; what it changes.
 
   (:action forward            ; one metre away from home
@@ -53,7 +53,7 @@
     :precondition (and)
     :effect (and (decrease (battery) (* #t 1))))
 
-  ; What happens at certain points. Events are looked at after every step.
+  ; What happens at thresholds. Events are checked after every step.
 
   (:event time                ; the sooner the better
     :parameters ()

@@ -48,11 +48,11 @@ AdaptedModel::AdaptedModel(std::shared_ptr<const WrittenModel> written, SameArgu
     const auto count = static_cast<std::size_t>(actions());
     require(groups_.size() == count && others_.schemas >= 0 &&
                 others_.action.size() == count * static_cast<std::size_t>(others_.schemas),
-            "there are not as many actions as in the model");
+            "the number of actions does not fit the model");
     require(inside(others_.action, -1, actions()), "there is no such other action");
     require(!worth_ || (worth_->heads == actions() && worth_->depth == fluents() + 2 &&
                         worth_->count == 2),
-            "the regression of reward and end is of another shape");
+            "the regression of reward and end has another shape");
     place_groups();
 }
 
@@ -64,7 +64,7 @@ void AdaptedModel::place_groups() {
         for (FeatureGroup& group : of_action) {
             GroupParameters& shared = *group.shared;
             require(inside(group.inputs, 0, fluents()) && inside(group.targets, 0, fluents()),
-                    "inputs or targets are no fluents");
+                    "inputs or targets are not fluents");
             const Regression* regression = shared.regression.get();
             if (regression != nullptr) {
                 require(regression->depth == static_cast<int>(group.inputs.size()) &&
@@ -81,7 +81,7 @@ void AdaptedModel::place_groups() {
                 shared.schemas = others_.schemas;
             }
             require(shared.inputs.size() == group.inputs.size(),
-                    "groups that share parameters are of different shapes");
+                    "groups that share parameters differ in shape");
             const auto next = static_cast<int>(places.size());
             group.place = places.try_emplace({regression, group.inputs}, next).first->second;
         }
@@ -112,7 +112,7 @@ bool AdaptedModel::corrected(int action) const {
 }
 
 void AdaptedModel::adopt(const std::vector<double>& parameters) {
-    require(parameters.size() == parameters_.size(), "there are not as many parameters");
+    require(parameters.size() == parameters_.size(), "the number of parameters is wrong");
     require(finite(parameters.data(), static_cast<int>(parameters.size())),
             "parameters must be finite numbers");
     revised_ = parameters != written_->theta();
@@ -696,7 +696,7 @@ std::shared_ptr<AdaptedModel> model_of(std::shared_ptr<WrittenModel> written,
 
 const double* checked(const AdaptedModel& model, const State& state, std::int64_t action) {
     require(state.size() == static_cast<std::size_t>(model.fluents()),
-            "a state has as many numbers as the model has fluents");
+            "a state must have a number for each fluent");
     require(0 <= action && action < model.actions(), "there is no such action");
     return state.data();
 }
@@ -736,7 +736,7 @@ std::unique_ptr<ObservedStep> observe(const AdaptedModel& model, const State& st
 bool note_fractions(const ObservedStep& step, const Out<bool, nb::ndim<1>>& whole,
                 const In<bool, nb::ndim<1>>& numeric) {
     require(whole.size() == step.state.size() && numeric.size() == whole.size(),
-            "there is one truth for each fluent");
+            "there must be one truth for each fluent");
     bool found = false;
     for (std::size_t i = 0; i < whole.size(); ++i) {
         const double number = step.next_state[i];

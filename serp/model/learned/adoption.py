@@ -116,7 +116,7 @@ class ModelAdoption(NamedTuple):
             return "as written; it may adapt, but nothing learned is in use"
         parts = []
         if self.parameters:
-            parts.append(f"estimates of {plural(len(self.parameters), 'number')} of the file")
+            parts.append(f"estimates of {plural(len(self.parameters), 'number')} in the file")
         for what, names in (
             ("residual", [f.fluent for f in self.fluents if f.residual]),
             ("counted outcomes", [f.fluent for f in self.fluents if f.outcomes]),
@@ -149,5 +149,5 @@ def adoption_of(
         why = f"the file was right in {plural(steps, 'step')}"
     else:
         ratio = percent(learned / written)
-        why = f"in {plural(steps, 'step')} the learned model's error is {ratio} of the file's"
+        why = f"in {plural(steps, 'step')}, the learned model's error is {ratio} of the file's"
     return FluentAdoption(fluent, residual, counted, steps, why)

@@ -54,7 +54,7 @@ void OutcomeTable::check(const std::vector<int>& inputs, int width, int known_sc
                 (context_.empty() || context_.back() < depth),
             "counted fluents lie beyond the inputs");
     require(columns() <= width, "more counted fluents than fluents");
-    for (const int column : inputs) require(0 <= column && column < width, "inputs of no fluent");
+    for (const int column : inputs) require(0 <= column && column < width, "inputs out of range");
     for (int kind = 0; kind < kinds; ++kind) {
         require(CHANGE <= schemas[kind] && schemas[kind] < known_schemas,
                 "outcomes of unknown action schemas");
@@ -435,9 +435,9 @@ void OutcomeTable::restore(int new_kinds, int new_sets, int new_rows) {
     require(1 <= new_sets && new_sets <= SETS, "there are no sets, or too many");
     require(1 <= new_rows && new_rows <= ROWS, "there are no codes, or too many");
     for (int set = 0; set < new_sets; ++set) {
-        require(1 <= members[set] && members[set] < 1 << new_kinds, "sets are of unknown outcomes");
+        require(1 <= members[set] && members[set] < 1 << new_kinds, "a set has unknown outcomes");
     }
-    require(totals[0] > 0.0, "totals are of no sample");
+    require(totals[0] > 0.0, "the totals count no sample");
     row_of_code_.clear();
     for (int row = 1; row < new_rows; ++row) {
         const double code = codes[row];
@@ -457,7 +457,7 @@ using Positions = In<std::int64_t, nb::ndim<1>>;
 std::vector<int> integers(const Positions& numbers) {
     std::vector<int> result;
     for (std::size_t i = 0; i < numbers.size(); ++i) {
-        require(std::in_range<int>(numbers.data()[i]), "there are numbers that are too large");
+        require(std::in_range<int>(numbers.data()[i]), "a number is too large");
         result.push_back(static_cast<int>(numbers.data()[i]));
     }
     return result;

@@ -84,7 +84,7 @@ void add_columns(const double* columns, std::size_t stride, int first, int rows,
 }
 
 int sized(bool fits, int number) {
-    require(fits, "a regression has heads, inputs and targets, and not too many");
+    require(fits, "a regression needs heads, inputs and targets, and not too many");
     return number;
 }
 
@@ -110,7 +110,7 @@ void Regression::clear() {
 }
 
 void Regression::use_predictors(std::vector<std::int64_t> predictors) {
-    require(predictors.size() == predictors_.size(), "there is one predictor for each target");
+    require(predictors.size() == predictors_.size(), "there must be one predictor for each target");
     for (const std::int64_t each : predictors) {
         require(FILE_ALONE <= each && each <= FULL, "there is no such predictor");
     }
@@ -120,13 +120,13 @@ void Regression::use_predictors(std::vector<std::int64_t> predictors) {
 
 void Regression::use_features(int features) {
     require(0 <= features && features <= FEATURES && features % SMOOTH == 0,
-            "there is no such number of random features");
+            "the number of random features is out of range");
     features_ = features;
 }
 
 void Regression::use_known(int known) {
     require(known == 0 || known == columns || (known == columns + SMOOTH && features_ > 0),
-            "there is no such number of known columns");
+            "the number of known columns is out of range");
     known_ = known;
 }
 

@@ -170,7 +170,7 @@ def regression_data(
     if any(action.preconditions for action in model.actions):
         predicted = predictions(without_events(model), states[rows], actions[rows])
         applicable = np.isfinite(predicted).all(1)
-        left_out["an action that is not applicable by the file"] = int((~applicable).sum())
+        left_out["an action that the file does not allow"] = int((~applicable).sum())
         rows = rows[applicable]
     seen = np.concatenate((states[rows], next_states[rows]))
     scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])

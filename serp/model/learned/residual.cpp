@@ -521,7 +521,7 @@ void bind_regression_samples(nb::module_& module) {
         .def("normalise", &Of::normalise, "Normalise the inputs of the regression by their ranges.")
         .def_prop_rw("number", [](const Of& of) { return of.number; },
                      [](Of& of, std::int64_t number) {
-                         require(number >= 0, "there is no such number of samples");
+                         require(number >= 0, "the number of samples is negative");
                          of.number = number;
                      }, "Number of samples ever kept.")
         .def_rw("start", &Of::start, "Number of samples before the present world.")

@@ -158,6 +158,6 @@ def find_algorithm(name: str) -> Algorithm:
         algorithm = Algorithm(base, first_line(make) or base, "external", make_external=make)
     if at:
         if not domain or algorithm.kind not in ("guided", "planner"):
-            raise SettingsError(f"`{name}`: `{base}` uses no domain file `{domain}`")
+            raise SettingsError(f"`{name}`: NAME@FILE needs a file, and an algorithm that uses it")
         algorithm = replace(algorithm, name=name, domain=domain)
     return algorithm.changed(name, assigned(text.split(";"))) if colon else algorithm

@@ -107,8 +107,8 @@ def _planned(
     for name, value in {"task": bound.name, **asked}.items():
         if own[name] != value:
             raise SettingsError(
-                f"this comparison has {name} = {own[name]}, not {value}: all of its trials have "
-                "the same task and protocol. Compare in another folder (--out)."
+                f"this comparison has {name} = {own[name]}, not {value}: its trials must share one "
+                "task and protocol. Compare in another folder (--out)."
             )
     own_baseline = () if request.baseline is None else (f"{BASELINE}{request.baseline}",)
     names = dict.fromkeys((*before.algorithms, *request.algorithms, *own_baseline))
@@ -200,7 +200,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
             * `seeds`: number of seeds, from 0 on, or a list of seeds; 5 by default.
             * `env_steps`: budget of each trial; by default `training.env_steps` of the task.
             * `settings`: section → setting → value; applies to all of serp's algorithms.
-            * `threshold`: return from which a policy counts as good; by default the
+            * `threshold`: return at which a policy counts as good; by default the
               `reward_threshold` of the environment's Gymnasium specification, if it has one.
             * `evaluate_every`: env steps between evaluations of the learner; a tenth of the budget
               by default.
@@ -255,7 +255,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
         )
     if failed:
         raise RunError(
-            f"{len(failed)} of {len(jobs)} trials failed; the first one, {failed[0]}\n"
+            f"{len(failed)} of {len(jobs)} trials failed. The first failure: {failed[0]}\n"
             f"All trials are kept in {folder}."
         )
     return Comparison(folder, results)

@@ -93,7 +93,7 @@ class TrialsRequest(Section):
         if self.engine != LOCAL:
             find_engine(self.engine)
         elif self.address is not None:
-            raise ValueError("address needs the engine of a cluster, such as engine = 'ray'")
+            raise ValueError("address needs an engine for clusters, such as engine = 'ray'")
         return self
 
 
@@ -128,8 +128,8 @@ def run_jobs(
     most = min(request.jobs or os.cpu_count() or 1, len(jobs)) if local else request.jobs
     here = (local and most == 1) or not _portable(jobs)
     why = (
-        "the task has functions that cannot be imported elsewhere (lambdas, or functions of a "
-        "notebook or of __main__)"
+        "the task has functions that cannot be imported elsewhere (lambdas, or functions defined "
+        "in a notebook or in __main__)"
     )
     if here and not local:
         raise RunError(
@@ -140,7 +140,7 @@ def run_jobs(
         say(f"The trials run one after another: {why}.")
 
     def stopped() -> bool:
-        answer = stopping.answer("the episodes that run", "trials go on from their checkpoints")
+        answer = stopping.answer("the running episodes", "trials then go on from their checkpoints")
         if answer is not None:
             say(answer)
         return stopping.requested

@@ -45,8 +45,8 @@ class Measure(NamedTuple):
 # fmt: off
 MEASURES: Final = (
     Measure("training_area", "area under the training curve",
-            "Mean, over the env steps of the budget, of the return of the current training "
-            "episode; the last complete episode counts until the end of the budget.",
+            "Return of the current training episode, averaged over the env steps of the budget. "
+            "The return of the last complete episode counts until the end of the budget.",
             "higher", "returns", True),
     Measure("first_50", "first 50 episodes",
             "Mean return of the first 50 training episodes (of all, if there are fewer).",
@@ -60,30 +60,30 @@ MEASURES: Final = (
             "20 episodes, there is no value.",
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
-            "Mean, over the env steps of the budget, of the return of the learner alone (greedy, "
-            "without planner and vetoes), interpolated between evaluations.",
+            "Return of the learner alone (greedy, without planner and vetoes), averaged over the "
+            "env steps of the budget; interpolated between evaluations.",
             "higher", "returns", True),
     Measure("final_learner", "final learner alone",
             "Mean return of the learner alone (greedy, no planner, no veto) after training.",
             "higher", "returns", True),
     Measure("final_policy", "final policy",
             "Mean return of the trained policy: the strategy's choice within the vetoes. If an "
-            "algorithm has only a planner or only a learner, it acts alone.",
+            "algorithm has only a planner or only a learner, that one acts alone.",
             "higher", "returns", True),
     Measure("unsafe", "unsafe executed",
-            "Actions executed in training that the domain file flags unsafe.",
+            "Actions that the domain file flags unsafe, executed in training.",
             "lower", "safety", True),
     Measure("avoidable_unsafe", "avoidable unsafe executed",
-            "Executed actions that were flagged while another action was not.",
+            "Flagged actions executed in training while another action was not flagged.",
             "lower", "safety"),
     Measure("unsafe_observed", "observed unsafe",
-            "Steps of training that were observed unsafe, predicted or not.",
+            "Training steps that were observed unsafe, predicted or not.",
             "lower", "safety"),
     Measure("final_unsafe_observed", "observed unsafe, final policy",
-            "Steps that were observed unsafe in an episode of the final policy.",
+            "Mean number of steps observed unsafe in an episode of the final policy.",
             "lower", "safety"),
     Measure("terminated", "terminated episodes",
-            "Training episodes that the environment ended (not a time limit).",
+            "Training episodes that the environment ended, not a time limit.",
             None, "safety"),
     Measure("vetoes", "vetoes", "Proposals refused in training.", None, "safety"),
     Measure("planner_share", "planner's share",
@@ -289,7 +289,7 @@ class Results:
         fewest = min((len(self.of(name)) for name in self.algorithms), default=ENOUGH)
         if fewest >= ENOUGH:
             return None
-        return f"Few seeds ({fewest}): intervals are rough. Take at least {ENOUGH}."
+        return f"Few seeds ({fewest}): intervals are rough. Use at least {ENOUGH}."
 
     @property
     def rewards(self) -> list[str]:
@@ -314,8 +314,8 @@ class Results:
             if found.low <= 0.0 <= found.high:
                 lines.append(f"{first} and {other}: no clear difference in training ({ends}).")
             else:
-                word = "more" if found.value > 0 else "less"
-                lines.append(f"{first} returns {word} than {other} in training ({ends}).")
+                word = "higher" if found.value > 0 else "lower"
+                lines.append(f"{first} has a {word} return than {other} in training ({ends}).")
         return [*lines, *([self.caution] if self.caution else [])]
 
     def values(self, algorithm: str, name: str) -> Array:

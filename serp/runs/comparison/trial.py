@@ -130,7 +130,7 @@ class Job:
         }
         if other := [what for what, differs in parts.items() if differs]:
             raise RunError(
-                f"{self.folder}: the trial of {self.trial} was made with other {other[0]}. "
+                f"{self.folder}: the trial of {self.trial} was made with different {other[0]}. "
                 "Compare in another folder (--out), or remove that trial."
             )
 

@@ -30,7 +30,7 @@ def read_recorded(path: Path) -> Run:
     run = Run(path)
     if not len(run.adaptation.experience):
         raise RunError(
-            f"{path} has no env step in its checkpoint; train it for a while: "
+            f"{path} has no env step in its checkpoint; train for a while: "
             f"serp plan-and-learn --resume {path}"
         )
     return run
@@ -82,7 +82,7 @@ class Diagnosis:
             return text + f"{percent(worst.error)} of the typical change per step."
         text = f"The file predicts {good} of {len(quantities)} quantities to within "
         text += f"{percent(WELL)} of their change"
-        chance = ", apart from chance" if self.worthwhile.stochastic else ""
+        chance = ", apart from random outcomes" if self.worthwhile.stochastic else ""
         left = f", and would predict {good_left} after the proposed edits{chance}."
         return text + (left if self.remarks else ".")
 

@@ -45,13 +45,13 @@ if TYPE_CHECKING:
 def check(domains: tuple[str, ...], as_json: bool) -> int:
     """Check domain and problem files: all mistakes, and a summary.
 
-    A problem file is checked with its domain: the given file of the domain that it names, or else
-    `<name>.pddl` beside `<name>-problem.pddl`, or `domain.pddl`.
+    A problem file is checked with its domain file: a given file with the domain that it names, else
+    `<name>.pddl` beside `<name>-problem.pddl`, else `domain.pddl`.
 
-    Where a file belongs to a task (an installed one, or --task), its environment is made to see
-    whether grounding and actions fit the file. It is neither reset nor stepped.
+    If a file belongs to a task (an installed one, or --task), the task's environment is created, to
+    check whether grounding and actions fit the file. It is neither reset nor stepped.
 
-    Every file is checked, even where one before it has errors. Warnings (what may have been
+    Every file is checked, even if an earlier one has errors. Warnings (what may have been
     forgotten) and notes (such as what other PDDL tools refuse) leave the exit status 0. The
     comment `; serp: ignore[code]` silences one.
     """
@@ -62,7 +62,7 @@ def check(domains: tuple[str, ...], as_json: bool) -> int:
         raise click.UsageError("give files, names of installed tasks, or --task")
     for name in domains:
         if name.endswith(".py"):
-            raise click.UsageError(f"{name} is Python; give it by --task {name}")
+            raise click.UsageError(f"{name} is a Python file; give it with --task {name}")
     asked = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     checks: list[_CheckedDomain] = []
     for pair in asked:
@@ -176,10 +176,10 @@ def _fit(bound: BoundTask) -> Iterator[str]:
     groups, ground = bound.actions.groups, bound.model.actions
     if unnamed := [str(k) for k, group in enumerate(groups) if not group]:
         named = [listed(dict.fromkeys(ground[k].schema for k in group)) for group in groups]
-        twice = [f"; {names} are {k}" for k, names in enumerate(named) if "," in names]
+        twice = [f"; action {k} has several: {own}" for k, own in enumerate(named) if "," in own]
         yield f"the file has no name for environment action {listed(unnamed)}{''.join(twice)}"
     if not bound.time_limited:
-        yield "the environment states no time limit; training.episode_steps truncates an episode"
+        yield "the environment declares no time limit; training.episode_steps truncates episodes"
 
 
 def _summary(domain: Domain) -> Iterator[str]:

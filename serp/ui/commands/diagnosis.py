@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @click.option("--all", "everything", is_flag=True,
               help="Show all findings, and the errors of each fluent.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw a chart of predicted against observed changes to this file.")  # fmt: skip
+              help="File for a chart of predicted against observed changes.")  # fmt: skip
 def diagnose(run: Path, as_json: bool, everything: bool, svg: Path | None) -> None:
     """Report what is wrong or missing in the domain file of RUN.
 
@@ -84,7 +84,7 @@ def _print_diagnosis(diagnosis: Diagnosis, *, everything: bool) -> None:
     for number, remark in enumerate(remarks, 1):
         show(f"\n{number}. {remark.text}.")
         names = " and ".join(f"({name})" for name in sorted(remark.finding.symbols))
-        show(f"   This explains {percent(remark.share)} of the error of {names}.")
+        show(f"   This explains {percent(remark.share)} of the error in {names}.")
         _print_edit(recorded, remark.finding)
     if everything:
         _print_errors(diagnosis)
@@ -117,7 +117,7 @@ def _print_errors(diagnosis: Diagnosis) -> None:
     quantities = sorted(diagnosis.quantities, key=lambda q: -q.error)
     if quantities:
         show()
-        head = ("fluent", "change in a step", "error of the file", "with findings", "mostly after")
+        head = ("fluent", "change in a step", "the file's error", "with findings", "mostly after")
         table = [
             (
                 quantity.shown,
@@ -175,7 +175,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
     """Correct the domain file of RUN, and show what changes.
 
     The command corrects numbers and adds missing effects, each with its evidence in a comment. It
-    writes random outcomes as `probabilistic`. It never changes rewards, `(unsafe)` and ends, but
+    writes random outcomes as `probabilistic`. It never changes rewards, `(unsafe)` or ends, but
     adds comments that say what was observed. All other text stays the same.
     """
     from serp.runs.diagnosis import repair as repairing
@@ -201,7 +201,7 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")
         show(diagnosis.verdict)
     if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
-        say("\n  ".join(["These could not be explained and were left unchanged:", *unrepaired]))
+        say("\n  ".join(["Not repaired, or only partly:", *unrepaired]))
     if repaired.changes and out is not None:
         _write(recorded, repaired.text, out)
         say(f"{changes}, from {steps}; the repaired file is {out}")

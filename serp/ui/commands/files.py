@@ -28,8 +28,8 @@ def new(name: Path, env: str | None) -> None:
     """Write the first files of the task NAME; no existing file is overwritten.
 
     With --env, NAME.pddl has the environment's actions and the numbers of its observations, and
-    NAME.py is the task. Add what you know of the environment to NAME.pddl; `serp check` and `serp
-    plan-and-learn` work before that, too.
+    NAME.py is the task. Add what you know about the environment to NAME.pddl; `serp check` and
+    `serp plan-and-learn` work before that, too.
 
     Without --env, NAME.pddl is an example for `serp play`, whose world is the file itself.
 
@@ -66,7 +66,7 @@ def new(name: Path, env: str | None) -> None:
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if a file would change.")
+@click.option("--check", is_flag=True, help="Write nothing; exit status 1 if a file would change.")
 @click.option("--diff", is_flag=True, help="Write nothing; print what would change.")
 def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
     """Correct the indentation and spaces of files, and nothing else.
@@ -111,7 +111,7 @@ def write_changed(path: Path, text: str) -> None:
 
 @command("serp lsp", "pip install 'serp[lsp]'")
 def lsp() -> None:
-    """Serve an editor with the Language Server Protocol.
+    """Serve an editor over the Language Server Protocol.
 
     The editor starts this command itself; docs/how-to/editors.md says how to set up each editor.
     """
@@ -129,7 +129,7 @@ def lsp() -> None:
 @click.argument("name", metavar="FILE|NAME|RUN")
 @own_task_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, metavar="N",
-              help="Port on this machine.  [default: any that is free]")  # fmt: skip
+              help="Port on this machine.  [default: any free port]")  # fmt: skip
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
               help="Begin with step N of RUN, as numbered in decisions.csv.")  # fmt: skip
@@ -140,7 +140,7 @@ def studio(name: str, port: int, no_browser: bool, step: int | None) -> None:
     planning graph. Only this machine can open the page, at an address with a token; the page loads
     nothing from the network. Files are saved only in the working folder.
 
-    If RUN, the folder of a training, is given, its copy of the file is opened.
+    If RUN, the folder of a run, is given, the run's copy of the file is opened.
 
     Ctrl-C ends the studio.
     """

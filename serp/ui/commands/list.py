@@ -26,9 +26,9 @@ def list() -> None:
         group: (what, f"{setting} ({'--planner' if group == PLANNERS else '--set'})", {})
         for group, (what, setting) in KINDS.items()
     }
-    groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes of this machine"}
+    groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes on this machine"}
     presets = [
-        ("default", "what gives the best result today"),
+        ("default", "the settings that give the best results"),
         ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
     ]
     show()

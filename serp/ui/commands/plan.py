@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 )
 @click.argument("run", type=click.Path(path_type=Path), required=False)
 @click.option("--domain", "name", metavar="NAME|FILE",
-              help="Installed task, or any domain file.")  # fmt: skip
+              help="An installed task or any domain file.")  # fmt: skip
 @own_task_option
 @problem_option
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 @dt_option
 @settings_option
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
-              help="Draw the planning graph of the lookahead to this file.")  # fmt: skip
+              help="File for a picture of the lookahead's planning graph.")  # fmt: skip
 @json_option
 def plan(
     run: Path | None,
@@ -85,10 +85,10 @@ def plan(
     task's environment. If neither option is given, the state is the problem's initial state, or
     else an observed state.
 
-    The planner and its settings are those of a new training of the task. The picture shows the
+    The planner and its settings are those of a new run of the task. The picture shows the
     lookahead; its title says so if the planner uses another method.
 
-    If RUN, the folder of a training, is given, its planner and its learned model are used.
+    If RUN, the folder of a run, is given, the run's planner and learned model are used.
     """
     from serp.agent.chosen_planner import ChosenPlanner
     from serp.agent.sentences import lines_of_changes
@@ -178,7 +178,7 @@ def _asked_state(
         missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
         other = "a problem file with an :init" if task is None else "--observe"
         raise SerpError(
-            f"{domain.source.name}: the state is incomplete: --state gives no value of "
+            f"{domain.source.name}: the state is incomplete: --state gives no value for "
             f"{listed(missing)}; give these, too, or {other}"
         )
     if given and not complete:

@@ -51,16 +51,16 @@ if TYPE_CHECKING:
               help="Continue this run.")  # fmt: skip
 @setting_option("--adapt", "adaptation.mode", metavar="off|parameters|residual|full|rewards",
                 what="What the model learns from its errors.  "
-                     "[default: by the preset]")  # fmt: skip
+                     "[default: the preset's]")  # fmt: skip
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="The planner.  [default: by the preset]")  # fmt: skip
+                what="The planner.  [default: the preset's]")  # fmt: skip
 @setting_option("--num-envs", "training.num_envs", metavar="N",
                 what="Step N environments at the same time.  [default: 1]")  # fmt: skip
 @settings_option
 @click.option("-v", "--verbose", is_flag=True,
-              help="At the end, also why this policy was selected, how far the planner saw, and "
-                   "what the model learned.")  # fmt: skip
-@click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
+              help="At the end, also show why this policy was selected, how far the planner saw, "
+                   "and what the model learned.")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="Show no progress; print only the run's folder.")
 def plan_and_learn(
     domain: str | None,
     out: Path | None,
@@ -69,7 +69,7 @@ def plan_and_learn(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Train on a task, or continue a training.
+    """Train on a task, or continue a run.
 
     The planner acts from the first step and the learner takes over; what the domain file flags
     unsafe is refused whenever there is a choice.
@@ -81,7 +81,7 @@ def plan_and_learn(
     resuming = resume is not None
     if resuming:
         begun_with = ("out", "preset", "seed", "adapt", "planner", "num_envs", "settings")
-        refuse_given(begun_with, "cannot change in a run that is resumed")
+        refuse_given(begun_with, "cannot change in a resumed run")
     task: Task | str
     if resume is None or domain or own_task_name():
         task = asked_task(domain)
@@ -96,7 +96,7 @@ def plan_and_learn(
         of_module = own is not None and not own.partition(":")[0].endswith(".py")
         if own and of_module and hasattr(error, "__notes__"):  # they say how the run goes on
             add = f"--task {shlex.quote(own)}"
-            error.add_note(f"and add {add} to the command, for this task is not installed")
+            error.add_note(f"and add {add} to the command, because this task is not installed")
         raise
     if quiet:
         print_result(run.path)
@@ -139,7 +139,7 @@ def _print_results(run: Run, *, verbose: bool) -> None:
         show()
         print_account(summary, summary["sight"])
     print_next(
-        (again("evaluate", run=run), "how good it is now, without exploration"),
+        (again("evaluate", run=run), "how good the policy is now, without exploration"),
         (again("plan", run=run), "what its planner sees, and why"),
         (again("why", run=run), "what happened in a step, and the lines behind it"),
         (again("report", run=run), "the whole run as one page for the browser"),

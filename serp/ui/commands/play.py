@@ -39,11 +39,11 @@ from serp.ui.output import show
 @click.option("--slip", type=float, default=0.0, metavar="P",
               help="Probability that another applicable action happens instead.")  # fmt: skip
 @click.option("--noise", type=float, default=0.0, metavar="S",
-              help="Relative error of each change of a number (standard deviation).")  # fmt: skip
+              help="Relative error in each change to a number (standard deviation).")  # fmt: skip
 @seed_option("Seed of the disturbances.")
 @dt_option
 @setting_option("--planner", "planner.name", metavar="NAME",
-                what="Planner of the commands `?` and `p`.  [default: the preset's]")  # fmt: skip
+                what="Planner for the commands `?` and `p`.  [default: the preset's]")  # fmt: skip
 @settings_option
 def play(
     name: str,

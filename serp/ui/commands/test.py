@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @click.argument("names", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
 @click.option("-k", "words", default="", metavar="WORDS",
-              help="Only scenarios whose title has these words.")  # fmt: skip
+              help="Check only scenarios whose title has these words.")  # fmt: skip
 @click.option("--scenarios", "file", type=click.Path(path_type=Path), metavar="FILE",
               help="Another file of scenarios, such as that of a similar domain.")  # fmt: skip
 @click.option("--run", type=click.Path(path_type=Path), metavar="RUN",
@@ -58,8 +58,8 @@ def test(
 ) -> int:
     """Check the scenarios beside domain files.
 
-    Those of NAME.pddl are in NAME.scenarios. A scenario is a situation and what is expected in it:
-    what the planner chooses, what is refused and why, what an action is worth, what comes of it.
+    The scenarios of NAME.pddl are in NAME.scenarios. A scenario is a situation and what is expected
+    in it: what the planner chooses, what is refused and why, an action's value, and its results.
     Without an argument, all scenario files here and in `domains` are checked.
 
     Exit status: 0 if everything is as expected, 1 if not, or if a file is wrong.

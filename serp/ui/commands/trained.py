@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 )
 @run_argument
 @click.option("--step", type=click.IntRange(min=0), metavar="N",
-              help="The step of the run, as in decisions.csv, or of the --episode, from 0.  "
+              help="Number of the step, as in decisions.csv, or within --episode, from 0.  "
                    "[default: the most informative step]")  # fmt: skip
 @click.option("--episode", type=click.IntRange(min=1), metavar="E", help="The episode, from 1.")
 @click.option("--evaluation", metavar="NAME",
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 def why(
     run: Path, step: int | None, episode: int | None, evaluation: str | None, as_json: bool
 ) -> None:
-    """Explain a step of RUN, a folder of plan-and-learn.
+    """Explain a step of RUN, a folder written by plan-and-learn.
 
     The command shows who acted and why, and the state. It shows the value, risk and reward of every
     action, with the lines of the domain file behind them. It compares what was predicted and
-    observed, and shows which change of the state would have led to another action.
+    observed, and shows which change in the state would have led to another action.
 
     If --step is not given, the command explains the last refused proposal that was applicable, else
     the last unsafe step, else the last refused proposal, else the last step.
@@ -86,7 +86,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     because = f": {because}" if because else ""
     show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
     file = run.domain.source.name
-    show(f"Steps count from 0, episodes from 1. Lines refer to {file} in the run.", style="dim")
+    show(f"Steps are numbered from 0, episodes from 1. Lines refer to {file}.", style="dim")
     for line in [*who_acted(account), ""]:
         show(line)
     refused = account.proposed if account.step.decision.vetoed else ""
@@ -111,14 +111,14 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
 @click.option("-o", "--out", type=OutputFile(".html"), metavar="FILE.html",
               help="The file to write.  [default: report.html in RUN]")  # fmt: skip
 @click.option("--evaluation", metavar="NAME",
-              help="Show the steps of this recorded evaluation.  [default: of the training]",
+              help="Show the steps of this recorded evaluation.  [default: the training]",
               )  # fmt: skip
 @click.option("--steps", type=click.IntRange(min=1), default=30_000, show_default=True, metavar="N",
-              help="Largest number of steps.")  # fmt: skip
+              help="Largest number of steps shown.")  # fmt: skip
 @click.option("--pictures", type=click.IntRange(min=0), default=1_000, show_default=True,
-              metavar="N", help="Largest number of pictures (at most 6 MB).")  # fmt: skip
+              metavar="N", help="Largest number of pictures (6 MB at most).")  # fmt: skip
 def report(run: Path, others: tuple[Path, ...], out: Path | None, **options: Any) -> None:
-    """Write RUN, a folder of plan-and-learn, as one HTML file.
+    """Write RUN, a folder written by plan-and-learn, as one HTML file.
 
     A page without pictures is written after a few seconds, and later replaced by the whole page.
     The mean returns of further runs are drawn in the chart of RUN.
@@ -152,7 +152,7 @@ def _print_size(path: Path) -> None:
 @seed_option("Seed of the environment.")
 @json_option
 def evaluate(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) -> None:
-    """Measure a policy of RUN, a folder of plan-and-learn.
+    """Measure a policy of RUN, a folder written by plan-and-learn.
 
     The return is the sum of the environment's rewards. The interval contains the mean of all
     episodes with 95 % confidence (Student's t). The spread says how much single episodes differ.
@@ -204,14 +204,14 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
         parts = []
         if sight["saw_all"] is not None:
             parts.append(
-                f"{share['saw_all']} of the plans saw everything, {share['by_cells']} ended with "
-                f"values of cells, and a budget stopped {share['cut_short']}. In "
-                f"{share['indifferent']}, all actions had the same value"
+                f"complete in {share['saw_all']} of the plans, continued with cell values in "
+                f"{share['by_cells']}, stopped by a budget in {share['cut_short']}. All actions "
+                f"had the same value in {share['indifferent']} of the plans"
             )
             if sight["mean_depth"] is not None:
-                parts.append(f"Other plans saw {readable(sight['mean_depth'])} steps on average")
+                parts += [f"Incomplete plans saw {readable(sight['mean_depth'])} steps on average"]
         if sight["safety_alone"]:
-            parts.append(f"In {share['safety_alone']} of the steps only safety was checked")
+            parts.append(f"In {share['safety_alone']} of the steps, only safety was checked")
         rows.append(("lookahead", ". ".join(parts)))
     rows.append(("safety", account["safety"]))
     if account["risk"]:
@@ -237,7 +237,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
 @click.option("-o", "--out", type=OutputFile(".mp4"), metavar="FILE.mp4",
               help="The film to write.  [default: film.mp4 in RUN, which is opened]")  # fmt: skip
 def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None) -> None:
-    """Film a policy of RUN, a folder of plan-and-learn.
+    """Film a policy of RUN, a folder written by plan-and-learn.
 
     Text below the picture says who acts and which action is executed. Refused actions are red, with
     the reason in the words of the domain file. No screen is needed. On a terminal, a film without
@@ -259,7 +259,7 @@ def watch(run: Path, policy: Policy, episodes: int, seed: int, out: Path | None)
 @click.option("-o", "--out", type=click.Path(path_type=Path), required=True, metavar="FOLDER",
               help="The new folder.")  # fmt: skip
 def export(run: Path, out: Path) -> None:
-    """Export the policy of RUN, a folder of plan-and-learn, to FOLDER.
+    """Export the policy of RUN, a folder written by plan-and-learn, to FOLDER.
 
     FOLDER contains the domain file and what the agent has learned. With it, a robot that has serp
     makes decisions without the environment of the task.

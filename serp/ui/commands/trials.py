@@ -43,17 +43,17 @@ def _trials_options(seeds: range, folder: str) -> Decorator:
                      help=f"Number of seeds, from {seeds.start} on, or the seeds themselves.  "
                           f"[default: {len(seeds)}]"),
         click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
-                     help="Budget of each training."),
+                     help="Budget of each training run."),
         settings_option,
         click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
-                     help="Folder of the results; an existing one is continued.  "
+                     help="Folder of the results; existing results are continued.  "
                           f"[default: runs/{folder}-<domain>-<time>]"),
         click.option("--jobs", type=click.IntRange(min=1), metavar="N",
-                     help="Number of parallel trainings.  [default: one per core]"),
+                     help="Number of parallel training runs.  [default: one per core]"),
         click.option("--engine", metavar="local|ray", default="local", show_default=True,
-                     help="What runs the trainings: processes of this machine, or a cluster."),
+                     help="What runs the trials: processes on this machine, or a cluster."),
         click.option("--address", metavar="ADDRESS",
-                     help="The cluster of the engine.  [default: the engine starts workers here]"),
+                     help="Address of the engine's cluster.  [default: workers on this machine]"),
         click.option("--quiet", is_flag=True, help="Print only the result."),
     )  # fmt: skip
     return lambda command: functools.reduce(lambda f, option: option(f), options[::-1], command)
@@ -90,14 +90,14 @@ def _parse_seeds(text: str | None) -> int | list[int] | None:
               help="Also compare your own controller: a function that takes the values of the "
                    "fluents and returns the name of an action.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
-              help="Return from which a policy counts as good.")  # fmt: skip
+              help="Return at which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
               help="Evaluate the learner alone every N env steps.  "
                    "[default: budget/10]")  # fmt: skip
 @click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
-              help="Episodes of each evaluation of the learner alone.  [default: 10]")  # fmt: skip
+              help="Episodes in each evaluation of the learner alone.  [default: 10]")  # fmt: skip
 @click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
-              help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
+              help="Episodes in each evaluation at the end.  [default: 50]")  # fmt: skip
 @_trials_options(seeds=range(5), folder="compare")
 def compare(domain: str | None, algorithms: tuple[str, ...], **options: Any) -> None:
     """Compare algorithms on one task, with the same budget and seeds.
@@ -151,14 +151,14 @@ def _print_comparison(comparison: Comparison, domain: str | None) -> None:
               help="One of serp's algorithms.")  # fmt: skip
 @click.option("--objective", type=click.Choice(["training", "evaluation"]), default="training",
               show_default=True,
-              help="What is maximized: the area under the training curve, or the return of the "
+              help="What is maximised: the area under the training curve, or the return of the "
                    "trained policy.")  # fmt: skip
 @click.option("--trials", type=click.IntRange(min=1), metavar="N", default=50, show_default=True,
               help="Total number of trials.")  # fmt: skip
 @seed_option("Seed of the search.")
 @_trials_options(seeds=range(1_000, 1_003), folder="tune")
 def tune(domain: str | None, vary: tuple[str, ...], quiet: bool, **options: Any) -> None:
-    """Search for better settings by running whole trainings.
+    """Search for better settings with whole training runs.
 
     If you repeat the command with the same --out, the study continues. By default, the seeds differ
     from those of `serp compare`, so a comparison tests the settings on new seeds.
@@ -199,6 +199,6 @@ def _print_tuned(tuned: Tuned, assignments: list[str], algorithm: str, domain: s
     show()
     print_table(("", ""), [(text, "") for text in assignments])
     print_next(
-        (compare, "compare them with the original settings, on other seeds"),
+        (compare, "compare these settings with the original ones, on other seeds"),
         (f"optuna-dashboard {tuned.path / 'study.log'}", "show the study in a browser"),
     )

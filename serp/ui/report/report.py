@@ -186,7 +186,7 @@ def _seed(run: Run, layout: Layout, evaluation: str | None, episode: int) -> int
     if evaluation is None:
         return training_seed(run.config["seed"], episode)
     if layout.seed is None:
-        raise RunError("the recording does not say its seed")
+        raise RunError("the recording does not give its seed")
     return evaluation_seed(layout.seed, episode)
 
 

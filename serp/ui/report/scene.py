@@ -52,7 +52,7 @@ def drawn_scenes(
             if picture is None:
                 scenes.notes[episode.number] = (
                     "The rest is not drawn: when the same actions were repeated with the same "
-                    "seed, the environment gave another state than the recorded one."
+                    "seed, the environment did not reach the recorded state."
                 )
                 continue
             first, count = scenes.frames.get(episode.number, (len(scenes.pictures), 0))

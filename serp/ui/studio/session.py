@@ -184,6 +184,6 @@ def open_session(
     session = Session(opened, other, surroundings, task)
     if step is not None:
         if run is None:
-            raise SerpError(f"--step shows a step of a run, but {name} is no run; name its folder")
+            raise SerpError(f"--step shows a step of a run, but {name} is not a run's folder")
         session.show_recorded(run, step)
     return session

@@ -34,7 +34,7 @@ def lab():
         ("drive hall", {}, "`(open)` (line 5) does not hold (open = false)"),
         ("lift", {"load": 1.5}, "(line 9) does not hold (open = false, load = 1.5)"),
         ("both", {"open": 1}, "`(increase (load) 2)` (line 13) contradicts another effect"),
-        ("split", {}, "split gives no finite number"),
+        ("split", {}, "split does not give a finite number"),
         ("lift", {"open": 1, "load": 3}, "unsafe: `(unsafe)` (line 11)"),
         ("drive hall", {"open": 1, "battery": 0.25}, "(line 16) through event empty"),
         ("lift", {"open": 1, "load": 2}, ""),
@@ -129,7 +129,7 @@ def test_the_account_compares_risks_with_what_came_and_names_the_least_that_woul
     for unsafe in (True, False, False, False):
         vetoes.observe(SimpleNamespace(decision=decision, unsafe=unsafe, last=True))
     account = vetoes.account_of_risk()
-    assert "the learned risks predicted 1.0 unsafe ones, and 1 were observed." in account
+    assert "the learned risks predicted 1.0 unsafe steps; 1 were observed." in account
     assert "In 4 steps" in account and "accepted_risk of 25 % or more" in account
     saved = VetoPolicy(arbiter.actions, arbiter.settings)
     saved.load_state_dict(vetoes.state_dict())

@@ -140,7 +140,7 @@ def test_nothing_is_overwritten_and_names_do_not_clash(folder):
         ("a", "robot_arm.py", "`--env robot_arm.py:Arm`, `--env robot_arm.py:Robot`"),
         ("a", "robot_arm:Robot", "`--env robot_arm.py:Robot`"),
         ("a", "robot_arm.py:Arm", "name a function without required arguments"),
-        ("rail", None, "these exist: .*rail.scenarios; choose another name, such as rail-task"),
+        ("rail", None, "these files exist: .*rail.scenarios; .* such as rail-task"),
         ("Rail", None, "lower-case letters"),
         ("no/rail", None, "there is no folder no"),
         ("cartpole-two", None, "`cartpole` is an installed task"),

@@ -153,7 +153,7 @@ def test_draws_are_uniform():
     [
         (None, [4] * 8, "no such sample"),
         (None, [-1] * 8, "no such sample"),
-        (None, [0] * 7, "other shapes"),
+        (None, [0] * 7, "do not fit the network"),
         ("action", A, "out of range"),
         ("action", -1, "out of range"),
         ("imitated", A, "out of range"),

@@ -137,7 +137,7 @@ MANY = " ".join(f"(probabilistic 0.5 (increase (x) {2**k}))" for k in range(5))
     [
         ("(probabilistic 0.8)", "takes pairs of a probability and an effect"),
         ("(probabilistic 0.8 (wet a) 0.3 (wet b))", "the probabilities add up to 1.1"),
-        ("(probabilistic 2 (wet a))", "a probability is a number from 0 to 1"),
+        ("(probabilistic 2 (wet a))", "a probability must be a number from 0 to 1"),
         ("(oneof)", "`oneof` is empty"),
         (f"(and {MANY})", "more than 16 outcomes"),
     ],

@@ -33,7 +33,8 @@ def test_a_number_is_needed_only_where_an_instance_that_can_be_reached_reads_it(
         left_out = missing.replace("(time", "up").strip(")")
         assert left_out not in [action.name for action in domain.model.actions]
         told = [w.text for w in domain.warnings if w.code == "missing-value"]
-        assert f"`{missing}` has no value, so forms that read it never apply: `{left_out}`" in told
+        never = "has no value, so these forms, which read it, never apply"
+        assert f"`{missing}` {never}: `{left_out}`" in told
 
 
 def test_a_goal_that_reads_what_has_no_value_is_refused():

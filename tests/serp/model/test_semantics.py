@@ -271,7 +271,7 @@ def test_events_do_not_move_what_was_observed():
 @pytest.mark.parametrize(
     ("effect", "given", "says"),
     [
-        ("(increase (reward) (/ 1 (x)))", {}, "the reward gives no finite number"),
+        ("(increase (reward) (/ 1 (x)))", {}, "the reward does not give a finite number"),
         (f"(when {NAN} (terminal))", {}, r"1:\d+: `\(> .*` divides by zero"),
         ("(assign (x) 1) (when (q) (assign (x) 2))", {"q": 1}, "contradicts another effect"),
     ],

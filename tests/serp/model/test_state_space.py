@@ -60,7 +60,7 @@ def test_arrays_that_are_no_states_are_refused(small, state, says):
     [
         (np.zeros(2), "warn", "did you mean `warm`"),
         (np.zeros(2), 2, "action 2"),
-        (np.zeros((2, 2)), [0, 2], "actions must be from 0 to 1"),
+        (np.zeros((2, 2)), [0, 2], "positions of actions must be from 0 to 1"),
         (np.zeros((2, 2)), [0, 1, 0], "2 positions"),
         (np.zeros((2, 3)), 0, "found 3 columns"),
         (np.full(2, np.nan), 0, "must not contain NaN or infinity"),

@@ -130,10 +130,10 @@ def test_a_changed_cell_is_noticed_and_what_a_killed_run_wrote_last_is_not_one(t
     data = (out / name).read_bytes()
     at = data.index(b"\n") + 3
     (out / name).write_bytes(data[:at] + b"7" + data[at + 1 :])
-    with pytest.raises(RunError, match=rf"{name} is not what the run had written"):
+    with pytest.raises(RunError, match=rf"{name} is not what the run wrote"):
         resume(corridor(tmp_path), out, episodes=3)
     if name == "metrics.csv":
-        with pytest.raises(RunError, match="is not what the run had written"):
+        with pytest.raises(RunError, match="is not what the run wrote"):
             _ = load_run(out, corridor(tmp_path)).metrics
     (out / name).write_bytes(data + b"3,4")
     assert len(resume(corridor(tmp_path), out, episodes=3).metrics["length"]) == 3

@@ -104,7 +104,7 @@ class Unsound(Corridor):
         ("dies", "step with action .* failed: the process of environment 1 died"),
         ("sends a function", "what step returned cannot be sent from another process"),
         ("gives another shape", "the observation: .* 5 numbers of shape"),
-        ("cannot be made", "making the environment failed: OSError: no such port"),
+        ("cannot be made", "make_env failed: OSError: no such port"),
         ("is interrupted", ""),
     ],
 )

@@ -129,10 +129,10 @@ def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a whole number"),
-        (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* of 64 bits"),
+        (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a 64-bit whole"),
+        (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* 64-bit"),
         (b"\n2,", b"\n2,2,", r"m:3: 28 cells where the header has 27"),
-        (b"\n2,23,", b"\n2,\xff,", r"m:3: env_steps is .* of 64 bits"),
+        (b"\n2,23,", b"\n2,\xff,", r"m:3: env_steps is .* 64-bit"),
         (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it must be 0 or 1"),
         (b",0,0.01,", b",0,0.0.1,", r"m:2: rho is '0\.0\.1'; it must be a number"),
         (b"episode,", b"epsiode,", r"m:1: the columns are not episode, env_steps"),

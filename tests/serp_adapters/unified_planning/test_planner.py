@@ -122,8 +122,8 @@ def test_a_training_goes_on_with_the_built_in_planner_where_an_engine_dies_or_te
     for script, why in (
         ("read x; kill -9 $$", "exit status -9; not enough memory?"),
         ("read x; printf '{\"plan\": [0'", "exit status 0"),
-        ("read x; echo '{\"plan\": [99999]}'; cat", "which is no answer"),
-        ("read x; echo 'Traceback'; cat", "which is no answer"),
+        ("read x; echo '{\"plan\": [99999]}'; cat", "which is not an answer"),
+        ("read x; echo 'Traceback'; cat", "which is not an answer"),
     ):
         follower = PlanFollower(
             model_of("logistics"), PlannerSettings(),
@@ -162,7 +162,7 @@ def test_an_engine_without_disjunctions_heeds_conditions_that_hold_together(monk
     names = [model.actions[action].name for action in follower.plan]
     assert names == ["wait", "wait", "go a b", "go b c"]
     monkeypatch.setattr(worker, "MOST_VARIANTS", 5)
-    with pytest.raises(Refused, match=r"has \d+ actions, more than 5; .* such as `enhsp`"):
+    with pytest.raises(Refused, match=r"gives \d+ actions, more than 5. .* such as `enhsp`"):
         Planning("pyperplan", sent(model))
 
 
@@ -181,7 +181,7 @@ PROCESS = """(:process melt :parameters () :precondition (and)
     ("name", "event", "more", "message"),
     [
         ("up:pyperplan:soon", "(unsafe)", "", "`up:pyperplan:soon` should end with a positive"),
-        ("up:pyperplan", "(increase (load) 1)", "", r"know no events that change fluents\n"),
+        ("up:pyperplan", "(increase (load) 1)", "", r"know no event that changes fluents\n"),
         ("up:pyperplan", "(unsafe)", JUMP, r"do not know `sqrt`\n"),
         ("up:pyperplan", "(unsafe)", PROCESS, r"know no time that passes between actions\n"),
     ],

@@ -101,7 +101,7 @@ function fillAlternative(cells, row, a) {
   if (flags & UNDEFINED) remarks.push("no defined result");
   else if (flags & UNMODELLED) remarks.push("not in the file");
   else if (!(flags & APPLICABLE)) remarks.push("not applicable");
-  if (flags & TERMINAL) remarks.push("ends it");
+  if (flags & TERMINAL) remarks.push("ends the task");
   const applicable = flags & APPLICABLE;
   say(cells[0], meta.actions[a]);
   cells[0].title = meta.actions[a];
@@ -127,12 +127,12 @@ function paintCauses() {
   const key = found.map((k) => `${arrays.cause[k]}:${arrays.amount[k]}`).join() + `@${chosen}`;
   if (list.dataset.key === key) return;
   list.dataset.key = key;
-  say(byId("causes-of"), `What the file says of ${meta.actions[chosen]}, one step ahead`);
+  say(byId("causes-of"), `What the file says about ${meta.actions[chosen]}, one step ahead`);
   list.replaceChildren(...found.map(causeItem));
   const explained = chosen === arrays.executed[now] || chosen === arrays.proposed[now];
   if (!found.length) list.append(element("li", { class: "quiet" }, explained
-    ? "No reward, end or flag." : "Explained are the executed and the refused action; "
-      + `serp why --step ${arrays.position[now]} explains all, serp studio --step opens it.`));
+    ? "No reward, end or flag." : "Only the executed and the refused action are explained; "
+      + `serp why --step ${arrays.position[now]} explains all, and serp studio --step opens the step.`));
   const lines = new Set(found.map((k) => meta.causes[arrays.cause[k]].line));
   for (const old of document.querySelectorAll(".file li.used")) old.classList.remove("used");
   for (const id of lines) if (id) byId(id).classList.add("used");

@@ -154,5 +154,5 @@ def test_returns_that_do_not_fit_together_are_refused(name, value):
         strategy.end_episode(float(k), 10)
     saved = strategy.state_dict()
     saved["planner"][name] = value
-    with pytest.raises(RunError, match="do not fit their number and range"):
+    with pytest.raises(RunError, match="do not match their count and range"):
         strategy.load_state_dict(saved)

@@ -78,7 +78,7 @@ def test_a_domain_file_is_another_algorithm(copy):
     }
     assert results.known("serp@coarse", "training_area").tolist() != []
     coarse.write_text(CORRIDOR)
-    with pytest.raises(RunError, match="was made with other domain files"):
+    with pytest.raises(RunError, match="was made with different domain files"):
         again(copy)
 
 
@@ -129,7 +129,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     with pytest.raises(RunError) as failure:
         small(walk(tmp_path, Pothole), tmp_path / "c", report=True)
     message = str(failure.value)
-    assert message.startswith("2 of 4 trials failed; the first one, serp, seed 1: ")
+    assert message.startswith("2 of 4 trials failed. The first failure: serp, seed 1: ")
     assert "cable cut" in message and str(tmp_path / "c") in message
     report = (tmp_path / "c" / "report.html").read_text()
     assert "not complete: 2 of 4 trials are finished" in report and "serp, seed 1" in report
@@ -144,7 +144,7 @@ def test_a_trial_that_fails_is_reported_and_the_others_are_kept(tmp_path, whole)
     ("options", "message"),
     [
         ({"env_steps": 61}, "this comparison has env_steps = 60, not 61"),
-        ({"settings": {"learner": {"members": 1}}}, "was made with other settings"),
+        ({"settings": {"learner": {"members": 1}}}, "was made with different settings"),
         ({"seeds": []}, "seeds must be a number of seeds, at least 1"),
         ({"seeds": [1, -1]}, "seed"),
         ({"algorithms": 3}, "algorithms must be a list, not 3"),
@@ -165,13 +165,13 @@ def test_what_cannot_change_is_refused(copy, options, message):
 def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy):
     edited = CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6")
     (copy / "corridor.pddl").write_text(edited)
-    with pytest.raises(RunError, match="was made with other domain files"):
+    with pytest.raises(RunError, match="was made with different domain files"):
         again(copy)
     (copy / "corridor.pddl").write_text(CORRIDOR)
     with pytest.raises(SettingsError, match="comparison has task = walk, not ride"):
         small(walk(copy, name="ride"), copy / "c")
     task = walk(copy, settings={"*": {**walk(copy).settings["*"], "planner": {"depth": 1}}})
-    with pytest.raises(RunError, match="was made with other settings"):
+    with pytest.raises(RunError, match="was made with different settings"):
         small(task, copy / "c")
     (copy / "c" / "plan.json").write_text("{}")
     with pytest.raises(RunError, match="plan.json is damaged, or was written by another version"):
@@ -188,11 +188,11 @@ def test_an_edited_domain_file_another_task_and_other_settings_are_refused(copy)
         ({"algorithms": ["late"]}, SettingsError, "first learns after 61 env steps"),
         ({"baseline": "json:lode"}, TaskError, "--baseline=json:lode: .*did you mean `load`"),
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
-        ({"address": "a:1"}, SettingsError, "compare.address needs the engine of a cluster"),
+        ({"address": "a:1"}, SettingsError, "compare.address needs an engine for clusters"),
         ({"task": 3}, TaskError, "not 3"),
         ({"sedes": 3}, SettingsError, "no setting `compare.sedes`; did you mean `seeds`"),
         ({"algorithms": ["serp@nosuch"]}, DomainError, "nosuch.pddl: there is no such file"),
-        ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn` uses no domain file"),
+        ({"algorithms": ["dqn@odd"]}, SettingsError, "`dqn@odd`: NAME@FILE needs"),
         ({"algorithms": ["mrp@a/broken.pddl"]}, DomainError, "broken.pddl"),
         ({"algorithms": ["mrp@odd"]}, TaskError, "5 ground actions, but the environment has 4"),
         ({"out": 3}, SettingsError, "compare.out"),

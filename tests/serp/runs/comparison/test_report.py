@@ -31,7 +31,7 @@ def test_a_report_can_be_read_alone(whole):
     page = (whole / "report.html").read_text()
     headings = [
         "What was compared",
-        "What differs in the algorithms",
+        "How the algorithms differ",
         "All results",
         "Differences from serp",
         "Definitions",

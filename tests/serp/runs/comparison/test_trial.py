@@ -100,9 +100,9 @@ def test_a_run_that_went_on_without_its_evaluations_or_of_other_settings_is_refu
     serp.plan_and_learn(task, env_steps=60, out=folder, quiet=True)
     with pytest.raises(RunError, match="ran without the evaluations of this comparison"):
         run_trial(todo)
-    with pytest.raises(RunError, match="other settings"):
+    with pytest.raises(RunError, match="different settings"):
         run_trial(job(walk(tmp_path), "dqn", folder))
-    with pytest.raises(RunError, match="other seeds"):
+    with pytest.raises(RunError, match="different seeds"):
         run_trial(job(walk(tmp_path), "serp", folder, seed=1))
 
 

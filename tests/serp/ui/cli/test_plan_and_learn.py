@@ -58,9 +58,9 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run, robot):
     assert "walkway" not in run("list").stdout
     assert "Chosen:" in run("plan", "--task=my_robot.py", "--observe", "--depth=1").stdout
     checked = run("check", "--task=my_robot.py").stdout
-    assert "no name for environment action `3`" in checked and "states no time limit" in checked
+    assert "no name for environment action `3`" in checked and "declares no time limit" in checked
     begun = run("plan-and-learn", "--task=my_robot.py", "--env-steps=9", "--out=runs/one", *QUICK)
-    assert "states no time limit" in begun.stderr
+    assert "declares no time limit" in begun.stderr
     assert "serp export runs/one -o FOLDER" in begun.stdout
     for named in ((), ("--task=my_robot:walkway",)):
         assert "mean return" in run("evaluate", "runs/one", "--episodes=1", *named).stdout
@@ -82,7 +82,7 @@ def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monk
     run("report", "one", expect=1)
     robot.unlink()
     told = run("evaluate", "one", "--episodes=1", expect=1).stderr
-    assert f"was made of the task in {robot.resolve()}; give it by --task" in told
+    assert f"was made with the task in {robot.resolve()}; give it with --task" in told
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):

@@ -62,5 +62,5 @@ def test_on_a_terminal_an_empty_line_repeats_and_a_mistake_ends_nothing(walk):
         process.kill()
         os.close(here)
     assert b"1 go home shop  2 go home field >" in shown
-    assert b"step 1: go home shop is not applicable, and nothing is done" in shown
+    assert b"step 1: go home shop is not applicable, so nothing is done" in shown
     assert b"walked    7" in shown and b"there is no action or command `zz`" in shown

@@ -107,8 +107,8 @@ def test_an_evaluation_is_drawn_by_its_recorded_seed(run, trained, tmp_path):
         return episode["frames"], episode["note"]
 
     assert pictures()[0] == 3
-    assert "another state" in pictures(seed=4)[1]
-    assert "does not say its seed" in pictures(seed=None)[1]
+    assert "did not reach the recorded state" in pictures(seed=4)[1]
+    assert "does not give its seed" in pictures(seed=None)[1]
 
 
 def test_the_first_page_is_whole_and_further_runs_are_drawn_over_it(run, trained, tmp_path):
