@@ -74,7 +74,7 @@ def task() -> serp.Task:
         actions={name: number for number, name in enumerate(MACROS)},
         # The file's are guesses.
         reward="environment",
-        # Else each of 28 actions is tried four times, which costs the first episode.
+        # Else each of 23 actions is tried four times, which costs the first episode.
         settings={"*": {"adaptation": {"mode": "off"}}},
         counters=("hit", "spilled", "empty", "dropped", "tidied"),
         description="clear a table into a drawer and a shelf, around a person",

@@ -496,7 +496,7 @@ def _fact(item: Group, scope: Scope) -> x.Atom:
         problem = f"`{fact.name}` is derived, so :init cannot state it"
         raise DomainError(problem, item.place, code="wrong-kind")
     if scope.declarations[fact.name].reserved:
-        problem = f"`({fact.name})` starts false in every step"
+        problem = f"`({fact.name})` is false at the start of every step"
         raise DomainError(problem, item.place, code="reserved-name")
     return fact
 

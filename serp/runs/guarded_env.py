@@ -315,8 +315,8 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
 
         Its episodes are those of a seed; `render_mode` is one of Gymnasium's.
         """
-        bound = self._task.task.bind(render_mode=render_mode)
-        return EvaluationEnv(bound, self, seed_of(seed))
+        seed = seed_of(seed)
+        return EvaluationEnv(self._task.task.bind(render_mode=render_mode), self, seed)
 
     def begin_evaluation(self) -> None:
         """Let what the planner keeps from now on be forgotten at the training's next decision."""
@@ -331,13 +331,14 @@ class GuardedEnv(Bookkeeping, ArbitratedEnv):
 
     def close(self) -> None:
         """Close the environment, and write the results of the run."""
-        if self._run is not None and self.log is not None:
-            with self._run, self.log:
-                self.log.flush()
-                account = account_of(self._agent)
-                write_results(self._run, self.tally.vetoes_by_reason(), account)
-            self._run = self.log = None
-        super().close()
+        run, log, self._run, self.log = self._run, self.log, None, None
+        try:
+            if run is not None and log is not None:
+                with run, log:
+                    log.flush()
+                    write_results(run, self.tally.vetoes_by_reason(), account_of(self._agent))
+        finally:
+            super().close()
 
 
 class EvaluationEnv(ArbitratedEnv):

@@ -348,8 +348,11 @@ class Run(Closing):
             steps: Most env steps, at least 1.
 
         Raises:
+            SettingsError: `steps` is no whole number, or less than 1.
             RunError: There is no intact checkpoint, or the grounding takes more than observations.
         """
+        if whole(steps, 1) is None:
+            raise SettingsError(f"steps must be a whole number, at least 1, not {steps!r}")
         agent = self.agent
         if agent.task.grounding.takes:
             raise RunError(

@@ -76,10 +76,7 @@ class Stopping:
         pressed = self.signal == signal.SIGINT
         name = "Ctrl-C" if pressed else signal.Signals(self.signal).name
         again = "Press it again" if pressed else "Send another signal"
-        return (
-            f"{name}: finishing {finishing}, so that nothing is lost. {again} to stop at once; "
-            f"{otherwise}."
-        )
+        return f"{name}: finishing {finishing}. {again} to stop at once; {otherwise}."
 
     def hear(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal; raise `StoppedAtOnce` if it is not the first."""
@@ -97,7 +94,8 @@ def stop_between_episodes() -> Iterator[Stopping]:
     The handler itself shows nothing, because it may interrupt the display in the middle of a line;
     the training loop calls `answer` after every step. Outside the main thread no handler is set.
     Signals that are ignored (Ctrl-C in a background job, SIGHUP under `nohup`) or already handled
-    are not changed either, except that a Python handler of Ctrl-C is replaced.
+    are not changed either. A Python handler of Ctrl-C is replaced, but not one of this kind: a
+    training within a comparison is stopped by the comparison.
     """
     stopping = Stopping()
     if threading.current_thread() is not threading.main_thread():
@@ -108,6 +106,7 @@ def stop_between_episodes() -> Iterator[Stopping]:
         for number in SIGNALS
         if (handler := signal.getsignal(number)) not in (None, signal.SIG_IGN)
         and (number == signal.SIGINT or handler is signal.SIG_DFL)
+        and not isinstance(getattr(handler, "__self__", None), Stopping)
     }
     try:
         for number in before:
@@ -179,8 +178,9 @@ def train(run: Run, trainer: Trainer, budget: Budget, callbacks: Callbacks, *, q
     with advice_to_resume(run), stop_between_episodes() as stopping:
 
         def after_step(step: StepRecord) -> None:
+            finishing = "the episode" if len(trainer.environments) == 1 else "the episodes"
             answer = stopping.answer(
-                "the episode" if len(trainer.environments) == 1 else "the episodes",
+                f"{finishing}, so that nothing is lost",
                 "a resumed run then continues from its last checkpoint",
             )
             if answer is not None:

@@ -19,6 +19,7 @@ from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError
 from serp.runs.rollout import Rollout, RolloutEnv, rollout_envs, training_seed
 from serp.runs.run_log import Bookkeeping
+from serp.runs.summary import WINDOW
 from serp.runs.tables import MetricsRow
 from serp.settings import Settings
 from serp.tasks.environment import BoundTask
@@ -65,7 +66,7 @@ class Trainer(Bookkeeping, Closing):
 
     Attributes:
         under_way: Number of the current env step, from 1.
-        recent: Returns of the last 20 episodes.
+        recent: Returns of the last `WINDOW` episodes.
         on_step: If set, called with every env step, after learning from it.
     """
 
@@ -83,7 +84,7 @@ class Trainer(Bookkeeping, Closing):
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"
             ) from None
         self.under_way = 1
-        self.recent: deque[float] = deque(maxlen=20)
+        self.recent: deque[float] = deque(maxlen=WINDOW)
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._open = contextlib.ExitStack()

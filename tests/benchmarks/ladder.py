@@ -176,14 +176,15 @@ class Over(Exception):
     """Ends a training in the middle of an episode."""
 
 
-def worth(env: Any, perceive: Any, decide: Callable[[Any, Any], int], episodes: int) -> float:
+def worth(env: Any, agent: Any, decide: Callable[[Any, Any], int], episodes: int) -> float:
     """Return the mean return of a policy; its episodes are always the same ones."""
     total = 0.0
     for episode in range(episodes):
         (raw, info), over = env.reset(seed=1_000_000 + episode), False
+        agent.arbiter.begin_episode()
         while not over:
             raw, reward, terminated, truncated, info = env.step(
-                decide(*perceive(raw, info, env.env))
+                decide(*agent.perceive(raw, info, env.env))
             )
             total, over = total + reward, terminated or truncated
     return float(total / episodes)
@@ -220,7 +221,7 @@ def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
         for name, decide in policies.items():
             with agent.undisturbed():
                 episodes = EPISODES.get(family(training.task), 10)
-                row[name] = worth(arena, agent.perceive, decide, episodes)
+                row[name] = worth(arena, agent, decide, episodes)
         return row | {"ms_per_decision": 1e3 * spent / max(1, decisions)}
 
     def on_step(step: Any) -> None:

@@ -56,7 +56,7 @@ floor; the person hit, the glass spilled, the battery empty."""
 LYING: Final = 0.8
 """A thing that is tilted so far lies on its side, and the arm cannot pick it up, rad."""
 GENTLE: Final = 9.0
-"""Force of a finger that closes, N; what has been lifted is held twice as fast."""
+"""Force of a finger that closes, N; what has been lifted is held with `FIRM`."""
 STICK: Final = (0.4, 1.2)
 """Bounds of the factor of friction that each grasp draws."""
 SPILL: Final = 0.35
@@ -145,6 +145,8 @@ class TidyRoom(gym.Env[Observation, np.int64]):
     def __init__(self, render_mode: str | None = None, wear: float = 0.0) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"render_mode must be None or 'rgb_array', not {render_mode!r}")
+        if not 0.0 <= wear <= 1.0:
+            raise ValueError(f"wear must be a share of the friction, from 0 to 1, not {wear!r}")
         self.render_mode = render_mode
         self.wear = wear
         self.action_space = spaces.Discrete(len(MACROS))
@@ -314,7 +316,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
             return
         there = px + way_x * PACE * PERIOD / far, py + way_y * PACE * PERIOD / far
         near = hypot(there[0] - x, there[1] - y)
-        if near < min(self._near, BASE_RADIUS + PERSON_RADIUS + 0.15) and speed < NOTICED:
+        if near < min(self._near, PASS) and speed < NOTICED:
             self._waypoint = self._somewhere()
             return
         self.person = there

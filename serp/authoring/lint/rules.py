@@ -36,8 +36,8 @@ def _flag_read_in_action(subject: LintSubject) -> Iterator[DomainWarning]:
         for atom in x.nodes_in(written.conditions) if action else ():
             if isinstance(atom, x.Atom) and subject.domain.syntax.declarations[atom.name].reserved:
                 yield DomainWarning(
-                    f"`({atom.name})` starts false in every step, so {what} always finds it "
-                    "false; read it in an event",
+                    f"`({atom.name})` is false at the start of every step, so {what} always "
+                    "finds it false; read it in an event",
                     atom.place,
                 )
 

@@ -228,7 +228,7 @@ class _Checker:
             case s.Indifferent():
                 return "" if self._decision.indifferent else self._choice()
             case s.Rates(what, action, bounds):
-                forecast = self._decider.arbiter.planner.forecast(self._state)
+                forecast = self._plan.forecast
                 if not forecast.applicable[action]:
                     return f"it is not applicable{self._remark(action)}"
                 found = float((forecast.value if what == "value" else forecast.reward)[action])

@@ -10,7 +10,6 @@ import contextlib
 import multiprocessing
 import os
 import pickle
-import signal
 import sys
 import threading
 import traceback
@@ -140,7 +139,9 @@ def run_jobs(
         say(f"The trials run one after another: {why}.")
 
     def stopped() -> bool:
-        answer = stopping.answer("the running episodes", "trials then go on from their checkpoints")
+        running = "the running episodes" if local else "the running trials"
+        then = "serp's trials then go on from their checkpoints, and others begin again"
+        answer = stopping.answer(running, then)
         if answer is not None:
             say(answer)
         return stopping.requested
@@ -151,10 +152,7 @@ def run_jobs(
     for job in jobs:
         if stopped():
             return
-        ended = attempt(job, stopped)
-        if ended.stopped and stopping.signal is None:  # the training itself heard Ctrl-C
-            stopping.signal = signal.SIGINT
-        yield ended
+        yield attempt(job, stopped)
 
 
 def _portable(jobs: Sequence[Job]) -> bool:

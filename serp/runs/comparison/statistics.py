@@ -61,7 +61,8 @@ MEASURES: Final = (
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
             "Return of the learner alone (greedy, without planner and vetoes), averaged over the "
-            "env steps of the budget; interpolated between evaluations.",
+            "env steps of the budget; interpolated between evaluations. Until the first "
+            "evaluation, its value counts.",
             "higher", "returns", True),
     Measure("final_learner", "final learner alone",
             "Mean return of the learner alone (greedy, no planner, no veto) after training.",
@@ -304,13 +305,14 @@ class Results:
         first, lines = self.algorithms[0] if self.algorithms else "", []
         for other in self.algorithms[1:]:
             found = self.estimate("training_area", first, other)
-            seeds = {len(self.known(name, "training_area")) for name in (first, other)}
-            count = plural(min(seeds), "seed")
+            few, most = sorted(len(self.known(name, "training_area")) for name in (first, other))
+            count = plural(few, "seed")
             if found.low is None or found.high is None:
                 lines.append(f"{count}: too few to tell {first} and {other} apart.")
                 continue
             ends = f"difference {readable(found.value)}, 95 % interval {readable(found.low)} to "
-            ends += f"{readable(found.high)}, {count} each"
+            ends += f"{readable(found.high)}, "
+            ends += f"{count} each" if few == most else f"{few} and {most} seeds"
             if found.low <= 0.0 <= found.high:
                 lines.append(f"{first} and {other}: no clear difference in training ({ends}).")
             else:

@@ -92,7 +92,7 @@ def forecast_with(
             average = sum(probability * after for probability, after in results)
             spread = sum(probability * (after - average) ** 2 for probability, after in results)
             mean[np.ix_(rows, columns)] = average
-            variance[np.ix_(rows, columns)] = spread
+            variance[np.ix_(rows, columns)] += spread
     return mean, variance
 
 

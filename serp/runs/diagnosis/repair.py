@@ -12,7 +12,6 @@ import math
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from serp._util.text import measured, plain
 from serp.model.domain import Domain
@@ -50,12 +49,10 @@ class Repaired:
         text: The whole text.
         changes: For each number, effect or comment that is changed or new: the line of the file as
             it was; for an addition the line of what it is added to.
-        in_problem: Sentences about findings in the problem file, which is not changed.
     """
 
     text: str
     changes: tuple[int, ...]
-    in_problem: tuple[str, ...] = ()
 
 
 def repair(domain: Domain, findings: Findings) -> Repaired:
@@ -71,25 +68,19 @@ def repair(domain: Domain, findings: Findings) -> Repaired:
     writer = _Writer(domain, findings)
     edits = writer.edits()
     if not writer.changes:
-        return Repaired(domain.source.text, (), tuple(writer.in_problem))
+        return Repaired(domain.source.text, ())
     text = edited(domain.source.text, edits)
     source = Source(f"{domain.source.name} (repaired)", text)
     limit = domain.max_ground_schemas
     Domain.parse(source, domain.problem_source, max_ground_schemas=limit).model  # noqa: B018
-    return Repaired(text, tuple(sorted(writer.changes)), tuple(writer.in_problem))
+    return Repaired(text, tuple(sorted(writer.changes)))
 
 
 class _Writer:
-    """Collects the edits of one file and the lines that they change.
-
-    Attributes:
-        changes: The changed lines.
-        in_problem: Sentences about findings in the problem file.
-    """
+    """Collects the edits of one file, and in `changes` the lines that they change."""
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
         self.changes: list[int] = []
-        self.in_problem: list[str] = []
         self._findings = findings
         self._domain = domain
         self._syntax = domain.syntax
@@ -134,7 +125,7 @@ class _Writer:
         schema = next(s for s in self._syntax.schemas if s.place == finding.place)
         symbols = finding.symbols
         own = [effect for effect in schema.effects if _targets(effect) & symbols]
-        edited = {(f.place.source, f.place.start) for f in self._findings.parameters}
+        edited = {finding.place.start for finding in self._findings.parameters}
         written = sum(outcome.probability for outcome in finding.outcomes if outcome.written)
         outcomes = self._outcomes(finding, {parameter.name for parameter in schema.parameters})
         if (
@@ -142,7 +133,7 @@ class _Writer:
             or not own
             or not all(_targets(effect) <= symbols for effect in own)
             or any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects))
-            or any(e.place.start <= at < e.place.end for e in own for _, at in edited)
+            or any(e.place.start <= at < e.place.end for e in own for at in edited)
             or schema.name in {missing.schema for missing in self._findings.missing}
         ):
             return []
@@ -189,10 +180,6 @@ class _Writer:
     def _number(self, finding: ParameterFinding) -> list[Edit]:
         """Return the edits that write a parameter below its evidence."""
         place, observed = finding.place, measured(finding.estimate, finding.error)
-        if place.source is not self._domain.source:
-            where = f"{Path(place.source.name).name}, line {place.line}"
-            self.in_problem.append(f"{where}: {place.text} as written; observed {observed}")
-            return []
         if float(finding.number) == finding.written:
             return []
         self.changes.append(place.line)
@@ -350,7 +337,7 @@ def _targets(effect: x.Effect) -> set[str]:
 
 def _share(probability: float, error: float) -> str:
     """Return a probability as the file has it, with two to four decimals, rounded down."""
-    digits = 2 if error > 0.005 else 4
+    digits = 2 if error > 0.005 and probability >= 0.01 else 4
     return f"{math.floor(probability * 10**digits) / 10**digits:g}"
 
 

@@ -200,8 +200,8 @@ def repair(run: Path, out: Path | None, dry_run: bool, force: bool) -> None:
         unwritten = "" if out is None else f", and {out} was not written"
         show(f"{name}: nothing to repair was found in {steps}{unwritten}")
         show(diagnosis.verdict)
-    if unrepaired := [*diagnosis.unexplained, *repaired.in_problem]:
-        say("\n  ".join(["Not repaired, or only partly:", *unrepaired]))
+    if diagnosis.unexplained:
+        say("\n  ".join(["Not repaired, or only partly:", *diagnosis.unexplained]))
     if repaired.changes and out is not None:
         _write(recorded, repaired.text, out)
         say(f"{changes}, from {steps}; the repaired file is {out}")

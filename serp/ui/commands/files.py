@@ -71,8 +71,8 @@ def new(name: Path, env: str | None) -> None:
 def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
     """Correct the indentation and spaces of files, and nothing else.
 
-    Line breaks and comments are kept, except that lines of more than 100 columns are broken. The
-    style has no options, so files of different authors look the same.
+    Line breaks and comments are kept. The style has no options, so files of different authors look
+    the same.
     """
     from serp.authoring.lint.formatting import formatted
     from serp.pddl.source import Source
@@ -84,7 +84,6 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
             after = Source(before.name, formatted(before))
             if before.text == after.text:
                 continue
-            changed += 1
             if diff:
                 print_difference(before.text, after.text, (before.name, f"{after.name} (changed)"))
             elif check:
@@ -92,6 +91,7 @@ def format(files: tuple[Path, ...], check: bool, diff: bool) -> int:
             else:
                 write_changed(file, after.text)
                 click.echo(f"{file}: formatted")
+            changed += 1
         except SerpError as error:
             say(str(error))
             wrong += 1

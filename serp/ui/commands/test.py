@@ -93,7 +93,8 @@ def test(
         total += f", {plural(wrong, 'file')} wrong" if wrong else ""
         show(f"\n{total}", style="bold red" if failed or wrong else "bold green")
     elif not wrong:
-        raise SerpError(f"no scenario has the words `{words}` in its title")
+        named = f" has the words `{words}` in its title" if words else " is in these files"
+        raise SerpError(f"no scenario{named}")
     return 0 if not failed and not wrong else 1
 
 

@@ -125,7 +125,8 @@ def _named(texts: tuple[str, ...]) -> list[str]:
 
 def _print_comparison(comparison: Comparison, domain: str | None) -> None:
     path = comparison.path
-    more = again("compare", "--out", str(path), "--seeds", "10", domain=domain)
+    seeds = str(max(10, 2 * len(comparison.results.plan.seeds)))
+    more = again("compare", "--out", str(path), "--seeds", seeds, domain=domain)
     show()
     print_table(*comparison.overview())
     show()

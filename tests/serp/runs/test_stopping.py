@@ -55,3 +55,9 @@ def test_a_signal_that_is_ignored_or_handled_stays_so(number, handler):
         signal.raise_signal(number)
         assert not stopping.requested
     assert signal.getsignal(number) is handler
+
+
+def test_a_training_within_a_comparison_leaves_ctrl_c_to_it():
+    with stop_between_episodes() as comparison, stop_between_episodes() as training:
+        signal.raise_signal(signal.SIGINT)
+        assert comparison.requested and not training.requested

@@ -21,11 +21,10 @@ from serp.runs.diagnosis.findings import (
     EffectTerm,
     MissingEffect,
     ObservedOutcome,
-    ParameterFinding,
     StochasticEffect,
     decimal,
 )
-from serp.runs.diagnosis.repair import Repaired, repair
+from serp.runs.diagnosis.repair import repair
 from tests.serp.model.learned.rolls import DT, balance, cartpole, from_text
 from tests.serp.model.learned.test_parameter_fit import CARTS
 from tests.serp.runs.diagnosis.made_up import (
@@ -133,17 +132,6 @@ def test_processes_have_new_names_and_typed_parameters():
     assert "(:process way-changes\n    :parameters (?r - robot)" in repaired.text
     assert "(:process wind-changes-2" in repaired.text
     assert "(:process wind-changes-3" in repaired.text
-
-
-def test_a_problem_file_is_not_touched(tmp_path):
-    problem = ROBOTS.replace("(:init)", "(:init (= (gain) 2.0))")
-    text = FLEET.replace("(wind)", "(wind) (gain)").replace("(way ?r) 0.5", "(way ?r) (gain)")
-    domain = from_text(text, problem)
-    gain = next(p for p in domain.model.parameters if p.role == "initial")
-    finding = ParameterFinding(gain, "drive", "way", 2.0, 3.0, 0.01, 100, 1.0)
-    (told,) = repair(domain, found(finding)).in_problem
-    assert repair(domain, found(finding)) == Repaired(text, (), (told,))
-    assert told.startswith("world-problem.pddl, line ") and "2.0 as written; observed 3" in told
 
 
 SHIPPED = ("cartpole", "cartpole-no-velocity", "landing", "soccer", "cliff")
