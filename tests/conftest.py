@@ -3,6 +3,8 @@
 import gc
 import signal
 
+import pytest
+
 
 def pytest_configure():
     """Let Ctrl-C mean what it means in a terminal, also where a background job ignores it."""
@@ -18,3 +20,24 @@ def pytest_collection_finish():
     """
     gc.freeze()
     gc.enable()
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with the files beside this one: one of their tests compiles, others train."""
+    items.sort(key=lambda item: item.path.parent != item.config.rootpath / "tests")
+
+
+class _Blank:
+    """A figure in whose file is nothing."""
+
+    def savefig(self, file, **options):
+        pass
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _without_learning_curves():
+    """To draw one takes longer than a training; `test_learning_curve.py` does."""
+    with pytest.MonkeyPatch.context() as patch:
+        name = "serp.runs.learning_curve.learning_curve"
+        patch.setattr(name, lambda metrics, title: _Blank())
+        yield
