@@ -3,6 +3,7 @@
 import gc
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -25,25 +26,14 @@ def pytest_collection_finish():
 
 def pytest_collection_modifyitems(items):
     """Begin with what takes longest: the files beside this one, then all but those of `serp`."""
-
-    def late(item):
-        first = item.path.relative_to(Path(__file__).parent).parts[0]
-        return first == "serp", not first.endswith(".py")
-
-    items.sort(key=late)
-
-
-class _Blank:
-    """A figure in whose file is nothing."""
-
-    def savefig(self, file, **options):
-        pass
+    here = Path(__file__).parent
+    items.sort(key=lambda item: (item.path.is_relative_to(here / "serp"), item.path.parent != here))
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _without_learning_curves():
     """To draw one takes longer than a training; `test_learning_curve.py` does."""
+    blank = SimpleNamespace(savefig=lambda file, **options: None)
     with pytest.MonkeyPatch.context() as patch:
-        name = "serp.runs.learning_curve.learning_curve"
-        patch.setattr(name, lambda metrics, title: _Blank())
+        patch.setattr("serp.runs.learning_curve.learning_curve", lambda metrics, title: blank)
         yield
