@@ -2,6 +2,10 @@
 
 import gc
 import signal
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
 
 
 def pytest_configure():
@@ -18,3 +22,18 @@ def pytest_collection_finish():
     """
     gc.freeze()
     gc.enable()
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes longest: the files beside this one, then all but those of `serp`."""
+    here = Path(__file__).parent
+    items.sort(key=lambda item: (item.path.is_relative_to(here / "serp"), item.path.parent != here))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _without_learning_curves():
+    """To draw one takes longer than a training; `test_learning_curve.py` does."""
+    blank = SimpleNamespace(savefig=lambda file, **options: None)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.runs.learning_curve.learning_curve", lambda metrics, title: blank)
+        yield

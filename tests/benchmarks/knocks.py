@@ -32,7 +32,7 @@ from serp.tasks.registry import find_task
 from serp.tasks.task import Task
 from serp.ui.root import exit_with, serp
 from tests.benchmarks import soak
-from tests.serp.runs.runs import everything, without_pictures
+from tests.serp.runs.runs import everything
 
 TASKS: Final = ("soccer", "soccer", "cliff", "cartpole", "frozen-lake", "taxi", "corner-kick")
 """Installed tasks of which a run is one; half of the runs are in random worlds."""
@@ -146,11 +146,10 @@ class Job(NamedTuple):
 
     def run(self, out: Path, on_step: Any = None) -> None:
         """Begin the training, or go on with it."""
-        with without_pictures():
-            if (out / "config.json").exists():
-                plan_and_learn(self.task, out=out, resume=True, quiet=True)
-            else:
-                plan_and_learn(self.task, out=out, quiet=True, on_step=on_step, **self.options)
+        if (out / "config.json").exists():
+            plan_and_learn(self.task, out=out, resume=True, quiet=True)
+        else:
+            plan_and_learn(self.task, out=out, quiet=True, on_step=on_step, **self.options)
 
     def judged(self, out: Path) -> None:
         """Make the whole training, every decision judged; write the counts beside it."""

@@ -20,7 +20,6 @@ import pytest
 import serp
 from serp.ui.root import serp as group
 from tests.docs.pages import EXAMPLES, PAGES, ROOT, blocks, name_of, prose
-from tests.serp.runs.runs import without_pictures
 from tests.serp.ui.studio.browser import served
 
 PUBLIC = ("serp", "serp_envs", "serp_adapters.stable_baselines3")
@@ -53,20 +52,10 @@ def run_commands(block):
     return output.getvalue()
 
 
-def pictures(name):
-    """Pictures of runs are drawn for one page: they take longer than the other trainings here."""
-    return contextlib.nullcontext() if name == "diagnose" else without_pictures()
-
-
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name_of)
 def test_examples_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
-    with pictures(page.stem):
-        run_blocks(page)
-
-
-def run_blocks(page):
     names = {"__name__": "__main__"}
     printed = None
     for block in blocks(page):
@@ -148,8 +137,7 @@ def test_complete_domains_load(block, tmp_path):
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
 def test_example_scripts_run(script, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with without_pictures():
-        runpy.run_path(str(script), run_name="__main__")
+    runpy.run_path(str(script), run_name="__main__")
     printed = capsys.readouterr().out
     shown = re.findall(r"^# prints:\n((?:# .*\n)+)", script.read_text(encoding="utf-8"), re.M)
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
@@ -178,7 +166,7 @@ def test_an_extension_is_found_by_its_entry_points(tmp_path, monkeypatch):
     del sys.modules["my_extension"]
     names = ["guide.strategy=planner-first", "learner.learning_starts=40", "planner.name=one-step"]
     words = ["plan-and-learn", "--domain=cartpole", "--episodes=2", "--out=run", "--quiet"]
-    with pytest.raises(SystemExit) as end, without_pictures():
+    with pytest.raises(SystemExit) as end:
         group(
             [*words, *(f"--set={name}" for name in [*names, "learner.name=table"])],
             prog_name="serp",

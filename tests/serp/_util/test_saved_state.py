@@ -14,6 +14,7 @@ from serp.errors import RunError
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3),
     lambda values: st.lists(values, max_size=3) | st.dictionaries(st.text(max_size=3), values),
+    max_leaves=8,
 )
 KINDS = (np.random.PCG64, np.random.MT19937, np.random.Philox, np.random.SFC64)
 

@@ -7,7 +7,7 @@ import pytest
 
 from serp.agent.decision import Actor, Reason
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import rows, without_pictures
+from tests.serp.runs.runs import rows
 from tests.serp.sample_tasks import corridor
 
 QUICK = {"planner": {"depth": 2}, "training": {"random_steps": 20}}
@@ -45,7 +45,6 @@ def counted(decisions):
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-@without_pictures()
 def test_every_number_of_a_run_is_a_sum_over_its_decisions(name, tmp_path):
     changes = SETTINGS[name]
     run = plan_and_learn(

@@ -32,7 +32,7 @@ def check_same(fast, traced):
         assert np.isfinite(out).all()
 
 
-@examples(80)
+@examples(40)
 @given(
     models_with_states(FULL, count=6),
     st.sampled_from((1.0, 0.25, 0.02)),
@@ -81,7 +81,7 @@ def check_lanes(core, states):
         assert not single & APPLICABLE or row.tobytes() == out[place].tobytes()
 
 
-@examples(60)
+@examples(30)
 @given(models_with_states(FULL, count=70), st.integers(1, 70), st.sampled_from((1.0, 1.5)))
 def test_steps_in_lanes_have_the_bits_of_single_ones(drawn, count, factor):
     """Blocks that are full and not, and states for which conditions differ or are undefined."""

@@ -28,7 +28,7 @@ def spelled_bits(state):
 
 
 @given(models_with_states(count=6), st.sampled_from((1.0, 0.25, 0.02)))
-@examples(120)
+@examples(60)
 def test_steps_and_traces_are_those_of_the_slow_reading(drawn, dt):
     generated, states = drawn
     model = generated.model.replace(dt=dt)

@@ -1,11 +1,8 @@
 """Runs of the corridor on the disk, and what they leave behind."""
 
-import contextlib
 import csv
 import json
 from pathlib import Path
-
-import pytest
 
 from serp.runs.checkpoint import CHECKPOINT, load
 from serp.runs.recording import RECORDING
@@ -21,22 +18,12 @@ CHANGES = {
 }
 
 
-@contextlib.contextmanager
-def without_pictures():
-    """Drawing takes longer than all the training here; one test does draw."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        yield
-
-
-@without_pictures()
 def train(task, out, preset="default", **options):
     return plan_and_learn(
         task, preset=preset, settings=CHANGES[preset], seed=3, out=out, quiet=True, **options
     )
 
 
-@without_pictures()
 def resume(task, out, **options):
     """Continue with nothing but the folder: settings, seed and domain are the run's own."""
     return plan_and_learn(task, out=out, resume=True, quiet=True, **options)

@@ -19,7 +19,6 @@ from serp.runs.diagnosis.diagnosis import diagnose
 from serp.runs.evaluation import play
 from serp.runs.run import Run
 from serp.runs.run_config import CONFIG
-from tests.serp.runs.runs import without_pictures
 
 STEPS = {"cartpole": 400, "soccer": 300, "taxi": 300, "tea": 200}
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
@@ -28,16 +27,14 @@ EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 @pytest.fixture(scope="module", params=[*STEPS])
 def run(request, tmp_path_factory):
     task, path = str(request.param), tmp_path_factory.mktemp("run") / "run"
-    with without_pictures():
-        played = serp.file_task(EXAMPLES / "tea.pddl") if task == "tea" else task
-        return serp.plan_and_learn(played, env_steps=STEPS[task], out=path, quiet=True, seed=1)
+    played = serp.file_task(EXAMPLES / "tea.pddl") if task == "tea" else task
+    return serp.plan_and_learn(played, env_steps=STEPS[task], out=path, quiet=True, seed=1)
 
 
 @pytest.fixture(scope="module")
 def cartpole_run(tmp_path_factory):
     out = tmp_path_factory.mktemp("cartpole") / "run"
-    with without_pictures():
-        return serp.plan_and_learn("cartpole", preset="paper", episodes=2, out=out, quiet=True)
+    return serp.plan_and_learn("cartpole", preset="paper", episodes=2, out=out, quiet=True)
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from serp.errors import EnvironmentFailure, SerpError
 from serp.runs.train import plan_and_learn
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
-from tests.serp.runs.runs import CHANGES, everything, resume, rows, train, without_pictures
+from tests.serp.runs.runs import CHANGES, everything, resume, rows, train
 from tests.serp.sample_tasks import CableCut, Corridor, corridor
 
 ENVS = 3
@@ -62,10 +62,9 @@ def test_where_nothing_is_learned_every_episode_is_that_of_a_single_environment(
             "guide": {"strategy": "mixture"},
         }
         out = tmp_path / str(count)
-        with without_pictures():
-            plan_and_learn(
-                corridor(tmp_path, Still), settings=settings, env_steps=100, out=out, quiet=True
-            )
+        plan_and_learn(
+            corridor(tmp_path, Still), settings=settings, env_steps=100, out=out, quiet=True
+        )
         found = defaultdict(list)
         for row in rows(out, "decisions"):
             found[row["episode"]].append(row["executed"])

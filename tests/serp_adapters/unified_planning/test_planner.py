@@ -119,25 +119,23 @@ def test_a_plan_is_followed_to_the_goal_and_an_engine_that_takes_too_long_is_end
 
 
 def test_a_training_goes_on_with_the_built_in_planner_where_an_engine_dies_or_tears_a_line():
+    model, settings = model_of("logistics"), PlannerSettings()
+    plans, state = planner.EnginePlans(model, "pyperplan", 5.0), model.initial_state
+    plans._end()
     for script, why in (
         ("read x; kill -9 $$", "exit status -9; not enough memory?"),
         ("read x; printf '{\"plan\": [0'", "exit status 0"),
         ("read x; echo '{\"plan\": [99999]}'; cat", "which is not an answer"),
         ("read x; echo 'Traceback'; cat", "which is not an answer"),
     ):
-        follower = PlanFollower(
-            model_of("logistics"), PlannerSettings(),
-            planner.EnginePlans(model_of("logistics"), "pyperplan", 5.0),
-        )  # fmt: skip
-        plans, state = follower._find_plan, follower.model.initial_state
-        assert isinstance(plans, planner.EnginePlans) and plans._process is not None
-        plans._end()
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         plans._process = process = subprocess.Popen(["sh", "-c", script], **pipes)
         plans._finalizer = weakref.finalize(plans, planner._finish, process)
+        plans._told = False
         with pytest.warns(Notice, match=re.escape(why)):
-            assert follower.forecast(state).choice >= 0
-        assert plans(state) is not None  # by another process
+            assert PlanFollower(model, settings, plans).forecast(state).choice >= 0
+        assert plans._process is None and process.returncode is not None
+    assert plans(state) is not None  # by another process
 
 
 def test_an_engine_ends_with_its_parent():

@@ -11,9 +11,3 @@ def external(monkeypatch):
     monkeypatch.setattr(
         "serp.runs.comparison.algorithms.algorithm_entries", lambda: {**found, "broken": broken}
     )
-
-
-@pytest.fixture(autouse=True)
-def _without_learning_curves(monkeypatch):
-    """To draw one takes longer than all the training here."""
-    monkeypatch.setattr("serp._util.figures.render", lambda figure, kind: b"<svg/>")

@@ -7,11 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import EntryPoint
 
 import numpy as np
-import pytest
 
 from serp.errors import RunError
 from serp.runs.comparison.algorithms import GROUP, find_algorithm
-from serp.runs.comparison.compare import compare
 from serp.runs.comparison.trial import Job, TrialProtocol
 from serp.runs.rollout import training_seed
 from tests.serp.sample_tasks import Corridor, corridor
@@ -78,6 +76,10 @@ def job(task, algorithm, folder, *, seed=0, protocol=PROTOCOL):
 
 def small(task, out, *, report=False, **options):
     """Compare with a budget that takes no time, in this process, without a report or pictures."""
+    import pytest  # not by the processes of trials, which import this module
+
+    from serp.runs.comparison.compare import compare
+
     given = {"jobs": 1, "quiet": True}
     if not (out / "plan.json").exists():
         given |= {"algorithms": ["serp", "dqn"], "seeds": 2, "env_steps": 60, "evaluate_every": 30}

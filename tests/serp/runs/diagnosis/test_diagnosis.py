@@ -27,7 +27,6 @@ from tests.serp.runs.diagnosis.made_up import (
     taken,
     written,
 )
-from tests.serp.runs.runs import without_pictures
 from tests.worlds import DOMAINS, text
 
 ROVER = text("rover")
@@ -177,8 +176,7 @@ def test_what_is_uncertain_is_no_remark(model):
 
 def test_a_run_of_a_task_that_is_not_installed_can_be_read(tmp_path):
     juggling = dataclasses.replace(load_task("cartpole"), name="juggling")
-    with without_pictures():
-        serp.plan_and_learn(juggling, env_steps=120, out=tmp_path, quiet=True)
+    serp.plan_and_learn(juggling, env_steps=120, out=tmp_path, quiet=True)
     with pytest.raises(TaskError, match="there is no task `juggling`"):
         load_run(tmp_path)
     recorded = read_recorded(tmp_path)

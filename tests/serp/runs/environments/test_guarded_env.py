@@ -12,7 +12,7 @@ from serp.runs.evaluation import evaluate
 from serp.runs.recording import COLUMNS, open_recording
 from serp.runs.run import Run
 from serp.runs.step_account import account_of_step
-from tests.serp.runs.runs import rows, without_pictures
+from tests.serp.runs.runs import rows
 from tests.serp.sample_tasks import corridor
 
 SMALL = {
@@ -29,7 +29,6 @@ def same(one, other):
     return equal and bool(one[1] == other[1])
 
 
-@without_pictures()
 def test_a_loop_outside_makes_the_steps_of_a_training(tmp_path):
     """With the same learner: the same decisions, episodes and model, in the same run folder."""
     task, changes = corridor(tmp_path), {**ALWAYS, "planner": {"name": "lookahead"}}
@@ -116,7 +115,6 @@ def test_it_is_an_environment_as_gymnasium_has_it(tmp_path):
     assert began[0] == began[2] != began[1]
 
 
-@without_pictures()
 def test_a_reset_in_mid_episode_is_a_truncation(tmp_path):
     limit, agents, random = 7, [], np.random.default_rng(2)
     proposed = random.integers(4, size=60 * limit)

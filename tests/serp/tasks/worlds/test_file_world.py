@@ -12,7 +12,7 @@ from serp.model.domain import Domain
 from serp.pddl.source import Source
 from serp.runs.diagnosis.diagnosis import diagnose
 from serp.tasks.file_world import FileWorld, WorldOptions
-from tests.serp.runs.runs import train, without_pictures
+from tests.serp.runs.runs import train
 from tests.worlds import text
 
 FERRY = text("one-way-ferry")
@@ -89,8 +89,7 @@ def test_a_run_is_opened_again_with_nothing_but_its_folder(tmp_path):
     run = serp.load_run(out)
     assert run.task.world == task.world and run.task.closed
     assert run.evaluate(episodes=2, quiet=True).returns
-    with without_pictures():
-        more = serp.plan_and_learn("", out=out, resume=True, episodes=3, quiet=True)
+    more = serp.plan_and_learn("", out=out, resume=True, episodes=3, quiet=True)
     assert more.metrics["episode"][-1] == 3
     config = out / "config.json"
     config.write_text(config.read_text().replace('"slip": 0.25', '"slip": 1.25'))

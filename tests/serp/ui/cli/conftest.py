@@ -4,7 +4,6 @@ import pytest
 from click.testing import CliRunner
 
 from serp.ui.root import serp
-from tests.serp.runs.runs import without_pictures
 from tests.worlds import text
 
 # Falls soon and learns fast: what a run holds matters here, not how good it is.
@@ -34,8 +33,7 @@ def run(folder):
         assert "Traceback" not in result.output
         return result
 
-    with without_pictures():
-        yield invoke
+    yield invoke
 
 
 @pytest.fixture
@@ -47,7 +45,6 @@ def walk(folder):
     return file
 
 
-@without_pictures()
 def train(out, *arguments):
     """Train into a folder."""
     command = ["plan-and-learn", f"--out={out}", "--quiet", *arguments]

@@ -4,7 +4,6 @@ import pytest
 
 from serp.runs.run import load_run
 from serp.runs.train import plan_and_learn
-from tests.serp.runs.runs import without_pictures
 from tests.serp.sample_tasks import reckless
 from tests.serp.ui.pictures.scene import drawn
 
@@ -15,8 +14,7 @@ def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("watching")
     # The learner is evaluated, from the first episode on.
     always = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
-    with without_pictures():
-        plan_and_learn(drawn(folder), settings=always, episodes=2, out=folder / "run", quiet=True)
+    plan_and_learn(drawn(folder), settings=always, episodes=2, out=folder / "run", quiet=True)
     return folder / "run"
 
 
