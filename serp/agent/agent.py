@@ -256,7 +256,7 @@ class Agent:
 
         This is for a single environment whose episode is not gone on with.
         """
-        self.arbiter.vetoes.reliability.cut_off()
+        self.arbiter.vetoes.cut_off()
         self._waiting.clear()
 
     def remember(self, step: StepRecord, following: Decision | None = None) -> None:

@@ -96,7 +96,8 @@ class VetoPolicy(Declared):
             and how many came out unsafe, which agree where the learned risks are calibrated.
         held_back: Env steps of training in which an action that is worth more than the planner's
             choice was left out because of its risk.
-        needed_risk: The least risk that would have had to be accepted for one of these; 0: none.
+        needed_risk: The least risk that would have had to be accepted for all of these in one of
+            the episodes that had any; 0: none has ended.
         env_index: Environment, from 0, that the next observed step comes from.
     """
 
@@ -118,6 +119,8 @@ class VetoPolicy(Declared):
         self.refuses = refuses
         self.reliability = LookaheadReliability(horizon)
         self.held_back, self.needed_risk = 0, 0.0
+        self._needed: dict[int, float] = {}
+        """Environment → the risk that would have had to be accepted so far in its episode."""
         self.foreseen, self.unforeseen = 0.0, 0
         self.allowed_unknown: Mask = ~actions.modelled & (settings.unmodelled == "allow")
         self.env_index = 0
@@ -184,12 +187,17 @@ class VetoPolicy(Declared):
                 "Among the steps that the file did not flag, the learned risks predicted "
                 f"{self.foreseen:.1f} unsafe steps; {self.unforeseen:,} were observed"
             )
-        if self.held_back:
+        if needed := self.needed_risk or min(self._needed.values(), default=0.0):
             parts.append(
                 f"In {plural(self.held_back, 'step')}, risk excluded a more valuable action; "
-                f"a planner.accepted_risk of {percent(self.needed_risk)} or more may allow it"
+                f"a planner.accepted_risk of {percent(needed)} or more may allow it"
             )
         return ". ".join(parts)
+
+    def cut_off(self) -> None:
+        """Note that the episode of the only environment goes on no further."""
+        self.reliability.cut_off()
+        self._needed.clear()
 
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
@@ -201,8 +209,10 @@ class VetoPolicy(Declared):
             self.foreseen += decision.risk
             self.unforeseen += step.unsafe
         if needed := held_back(decision.forecast):
-            self.needed_risk = min(needed, self.needed_risk or needed)
+            self._needed[self.env_index] = max(needed, self._needed.get(self.env_index, 0.0))
             self.held_back += 1
+        if step.last and (needed := self._needed.pop(self.env_index, 0.0)):
+            self.needed_risk = min(needed, self.needed_risk or needed)
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
         return self.refuses and self.reliability.observe(

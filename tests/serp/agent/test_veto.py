@@ -14,7 +14,7 @@ from serp.agent.veto import LookaheadReliability, VetoPolicy
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, RISK_SHIFT, RISKY
 from serp.planning.lookahead import Lookahead
-from serp.settings import PlannerSettings
+from serp.settings import ArbiterSettings, PlannerSettings
 from serp.tasks.action_map import ActionMap
 from tests.generated import Texts, load_texts
 from tests.worlds import text
@@ -94,6 +94,26 @@ def test_it_is_relied_on_up_to_three_failures_and_one_in_a_thousand_steps():
     for step in range(5_000):
         rare.observe(predicted_safe=True, unsafe=step % 1_000 == 999, last=False)
         assert rare.reliable
+
+
+def test_the_risk_to_accept_is_what_one_whole_episode_would_have_needed(lab):
+    actions = ActionMap(lab, len(lab.actions))
+    vetoes = VetoPolicy(actions, ArbiterSettings())
+    count = len(lab.actions)
+
+    def seen(risk, last):
+        found = SimpleNamespace(
+            choice=0, flags=np.full(count, RISKY | APPLICABLE), path_risk=np.full(count, risk),
+            value=np.arange(count), safe_steps=np.zeros(count),
+        )  # fmt: skip
+        found.path_risk[0] = 0.0
+        decision = SimpleNamespace(unsafe=True, risk=0.0, forecast=found, action=0)
+        vetoes.observe(SimpleNamespace(decision=decision, unsafe=False, last=last))
+
+    for episode in ((0.01, 0.3), (0.2, 0.02, 0.1), (0.0, 0.0), (0.5,)):
+        for step, risk in enumerate(episode, 1):
+            seen(risk, step == len(episode))
+    assert vetoes.needed_risk == 0.2
 
 
 def test_after_a_failure_actions_have_to_leave_safe_ways_on_beyond_the_lookahead():
