@@ -145,7 +145,7 @@ class PlannerSettings(Section):
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
     """Probability of damage that is accepted beyond the least possible one. If the planner sees to
     the end of the task, this is the probability until the end; else that of a step, and of a path.
-    Certain damage is never accepted. If 0, the least risk comes before any reward. These
+    A risk of 1 is never accepted. If 0, the least risk comes before any reward. These
     probabilities come from `probabilistic` effects and from adaptation."""
 
 

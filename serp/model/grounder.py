@@ -143,7 +143,7 @@ def instantiate(
 
 
 def _derived_too_often(name: str, place: Place) -> DomainError:
-    problem = f"`{name}` is derived in too many ways over these objects"
+    problem = f"`{name}` has too many derivations over these objects"
     advice = "use fewer objects, or set the predicate in events"
     return DomainError(problem, place, advice, code="too-large")
 

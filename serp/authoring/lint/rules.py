@@ -111,7 +111,7 @@ def _double_negative(subject: LintSubject) -> Iterator[DomainWarning]:
         if opposite is not None and isinstance(value, x.Number) and value.value < 0.0:
             begin = value.place.start
             yield DomainWarning(
-                f"`{effect.place.text}` in {what} is `{opposite}`, because the number is negative",
+                f"`{effect.place.text}` in {what} acts as `{opposite}`: the number is negative",
                 effect.place,
                 advice=f"leave out the minus, or write `{opposite}`",
                 fix=Fix((Edit(begin, begin + 1, ""),), sure=False),

@@ -140,7 +140,7 @@ def run_jobs(
 
     def stopped() -> bool:
         running = "the running episodes" if local else "the running trials"
-        then = "serp's trials then go on from their checkpoints, and others begin again"
+        then = "a repeated command resumes serp's trials and restarts the others"
         answer = stopping.answer(running, then)
         if answer is not None:
             say(answer)

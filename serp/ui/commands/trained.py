@@ -204,7 +204,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
         parts = []
         if sight["saw_all"] is not None:
             parts.append(
-                f"complete in {share['saw_all']} of the plans, continued with cell values in "
+                f"complete in {share['saw_all']} of the plans, extended by estimates in "
                 f"{share['by_cells']}, stopped by a budget in {share['cut_short']}. All actions "
                 f"had the same value in {share['indifferent']} of the plans"
             )
