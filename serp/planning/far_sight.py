@@ -35,6 +35,10 @@ _PATIENCE: Final = 4
 so many times as many edges."""
 _ATTEMPTS: Final = 4
 """So many times as much work is done before a way that may lead elsewhere is followed."""
+_MENDED: Final = 20_000
+"""Most steps of the model to find a way back to one that was left."""
+_LONGEST: Final = 2_000
+"""Most actions of a way that is gone back to."""
 _FAR: Final = 100
 """After so many decisions toward a state that is only nearer to the goal, the search goes on."""
 _GROWN: Final = 1.1
@@ -72,6 +76,7 @@ class FarSightPlanner:
         self._revision = model.revision
         self._new_episode = True
         self._checked: Vector | None = None
+        self._before: Vector | None = None  # where the world was at the decision before
         self._since = self._wait = 0  # decisions since the last way was found, and before a search
         self._saved = self._price = self._cells_at = 0
         self._cells_price = 1
@@ -88,6 +93,7 @@ class FarSightPlanner:
     def begin_episode(self) -> None:
         """Say that another episode begins, perhaps in another world, which is searched anew."""
         self._new_episode = True
+        self._before = None
         self.goal_search.forget()
 
     def forecast(self, state: Vector) -> Forecast:
@@ -98,6 +104,7 @@ class FarSightPlanner:
         forecast = self._forecast_by_graph(state)
         if forecast is None and self._is_astray(state) and self._may_search(state):
             forecast = self._search(state)
+        self._before = state.copy()
         if forecast is not None:
             return forecast
         action = self.goal_search.toward(state)
@@ -165,6 +172,12 @@ class FarSightPlanner:
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
         least = np.inf if self._new_episode else self.goal_search.least
         self._new_episode, edges = False, 0
+        plan = self._plan()
+        if plan and (way := self.goal_search.way(state, _MENDED, plan)) is not None:
+            forecast = self._beside(way, state)
+            self._since, self._wait = 0, 0
+            self._saved = max(self._saved, 0) - self.goal_search.steps - graph.edges
+            return forecast
         if not graph.complete:
             graph.clear()
         while True:
@@ -207,6 +220,10 @@ class FarSightPlanner:
                 return forecast
             self.graph.clear()  # a policy that stays inside and gains nothing
             return None
+        return self._beside(way, state)
+
+    def _beside(self, way: Vector, state: Vector) -> Forecast | None:
+        """Grow the graph around a way and return its forecast; None where the way is followed."""
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)
@@ -215,6 +232,22 @@ class FarSightPlanner:
             return None
         self.goal_search.forget()
         return forecast
+
+    def _plan(self) -> list[int]:
+        """Return the actions that led to the goal from where the world was; empty: none did."""
+        plan: list[int] = []
+        state, model = self._before, self.model
+        while state is not None and len(plan) < _LONGEST:
+            forecast = self.graph.forecast(state)
+            action = self.goal_search.toward(state) if forecast is None else forecast.choice
+            if action < 0:
+                break
+            plan.append(action)
+            outcome = model.step(state, action)
+            state = outcome.state
+            if outcome.terminal:
+                return plan if outcome.reward > 0.0 else []
+        return []
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         lookahead, visited, cells = self._lookahead, self.visited, self.cells
@@ -261,6 +294,7 @@ class FarSightPlanner:
         cells, meta = self.cells.state_dict()
         arrays = nested("graph", self.graph.state_dict()) | nested("cells", cells)
         arrays |= nested("goal", self.goal_search.state_dict())
+        arrays["before"] = np.zeros(0) if self._before is None else self._before
         meta |= {name: getattr(self, f"_{name}") for name in _COUNTS}
         return arrays, meta | {"saved": self._saved, "new_episode": self._new_episode}
 
@@ -273,6 +307,10 @@ class FarSightPlanner:
         saved = Saved("planner", arrays, meta)
         self.graph.load_state_dict(part_of(arrays, "graph"))
         self.goal_search.load_state_dict(part_of(arrays, "goal"))
+        before = saved.array("before", np.float64, (-1,))
+        if len(before) not in (0, len(self.model.fluents)):
+            raise saved.wrong(f"before has {len(before)} numbers")
+        self._before = before if len(before) else None
         for name in _COUNTS:
             setattr(self, f"_{name}", saved.whole(name))
         self._saved = saved.whole("saved", -MOST, _MOST_SAVED)

@@ -4,6 +4,8 @@
 #include <nanobind/stl/unique_ptr.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <cstdint>
 #include <functional>
 #include <limits>
@@ -38,6 +40,8 @@ constexpr std::int64_t NODE_BYTES = 128;
 constexpr int MAX_PAIRS = 20'000;
 /// So many times a helpful action comes first after the least cost has become less, see LAMA.
 constexpr std::int64_t BOOST = 1'000;
+/// Most edges that are followed to leave out actions of a way.
+constexpr std::int64_t ELIMINATION = 50'000;
 
 /// Nodes in the order of their keys; of equal ones the first comes first, or the last.
 class Queue {
@@ -86,53 +90,51 @@ private:
     std::vector<Digest> words_ = std::vector<Digest>(std::size_t{1} << (BITS - 6));
 };
 
+/// How a search goes: by novelty; by relaxed cost; or by the cost of the relaxed plan of the state
+/// before, so that a state is evaluated when its turn comes (lazy greedy search: Richter & Westphal,
+/// JAIR 2010); or breadth first to a state from which the actions of a way lead to the goal, without
+/// those that are not applicable.
+enum Kind : std::int64_t { NOVEL, GREEDY, LAZY, MEND, KINDS };
+
 /// A search for a way to the goal that can be gone on with while the world follows it.
 class WaySearch {
 public:
-    virtual ~WaySearch() = default;
+    WaySearch(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
+              std::vector<std::int64_t> numbers, double accepted_risk, Kind kind)
+        : kind_(kind), model_(model), stepper_(model.stepper()), width_(model.fluents()),
+          bits_((width_ + 63) / 64), size_(bits_ + numbers.size()), inert_(std::move(inert)),
+          numbers_(std::move(numbers)), accepted_risk_(accepted_risk), costs_(relaxation),
+          atoms_(width_ + numbers_.size()), helpful_(model.actions()), source_(width_),
+          target_(width_ + 1), packed_(size_) {}
+
     /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
     /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
-    virtual std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) = 0;
+    std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit);
     /// Returns the states [N * F] on the way to the goal that was found, but the last one.
-    virtual std::vector<double> way() const = 0;
+    std::vector<double> way() const;
+    /// Returns the actions of that way.
+    std::vector<std::int64_t> plan() const;
+    /// Takes the actions of a way that was left; a std::invalid_argument says that one is not there.
+    void mend(std::vector<std::int64_t> plan);
     /// Returns the action that leads from a state [F] to the goal, where a way was found, else to
     /// the state of the least cost that is known; -1 where there is none.
-    virtual int toward(const double* state) = 0;
+    int toward(const double* state);
     /// Returns the least cost of all states of the tree; infinite where the goal is out of reach.
-    virtual double least() const = 0;
+    double least() const { return least_; }
     /// Returns whether the last search began anew: those before it make no difference.
-    virtual bool fresh() const = 0;
-    virtual int fluents() const = 0;
-};
-
-/// How a search goes: by novelty; by relaxed cost; or by the cost of the relaxed plan of the state
-/// before, so that a state is evaluated when its turn comes (lazy greedy search: Richter & Westphal,
-/// JAIR 2010).
-enum Kind : std::int64_t { NOVEL, GREEDY, LAZY, KINDS };
-
-/// A search tree. `Number` is the type of the numbers in its states: bytes where all are 0 or 1.
-template <class Number>
-class Tree final : public WaySearch {
-public:
-    Tree(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
-         double accepted_risk, Kind kind)
-        : kind_(kind), model_(model), stepper_(model.stepper()), width_(model.fluents()),
-          inert_(std::move(inert)), accepted_risk_(accepted_risk), costs_(relaxation),
-          atoms_(width_), helpful_(model.actions()), source_(width_), target_(width_ + 1) {}
-
-    std::pair<std::int64_t, bool> search(const double* state, std::int64_t limit) override;
-    std::vector<double> way() const override;
-    int toward(const double* state) override;
-    double least() const override { return least_; }
-    bool fresh() const override { return fresh_; }
-    int fluents() const override { return width_; }
+    bool fresh() const { return fresh_; }
+    int fluents() const { return width_; }
 
 private:
     int nodes() const { return static_cast<int>(parent_.size()); }
-    const Number* state(int node) const {
-        return states_.data() + static_cast<std::size_t>(node) * width_;
+    const Digest* state(int node) const { return states_.data() + node * size_; }
+    bool is_state(int node) const {
+        return std::equal(packed_.begin(), packed_.end(), state(node));
     }
-    int find(const double* row) const;
+    Digest digest(const Digest* words) const;
+    void pack(const double* row);
+    void unpack(int node, double* row) const;
+    int find(const double* row);
     void enter(const double* row);
     bool add(double* row, int parent, int action);
     void open(int node);
@@ -142,49 +144,84 @@ private:
     void improve(int node);
     bool expand(int node);
     int novelty(int node);
+    bool applied(int node, const std::vector<std::int64_t>& plan, std::size_t without);
+    bool follow(int node);
+    void end_at(int node, int action) {
+        goal_ = best_ = node, last_ = action, least_ = 0.0, done_[node] = 0;
+    }
+    int count_landmarks(const double* row, int parent);
 
     const Kind kind_;
     const Model& model_;
     const std::unique_ptr<Stepper> stepper_;
     int width_;
-    std::vector<std::int64_t> inert_;
+    std::size_t bits_, size_;           ///< words of a state: those with a bit of each fluent, and all
+    std::vector<std::int64_t> inert_, numbers_;  ///< fluents that are 0; that are not 0 or 1
     double accepted_risk_;
     RelaxedCosts costs_;
 
     HashTable table_;                   ///< nodes by their states
-    std::vector<Number> states_;        ///< [N * F], inert fluents are 0
+    std::vector<Digest> states_;        ///< [N * size] see `pack`
     std::vector<std::int32_t> parent_;  ///< [N] node that each was reached from; -1 of the root
     std::vector<std::int32_t> action_;  ///< [N] by which action
     std::vector<std::int32_t> known_;   ///< [N] 2 x number of the root + whether it leads to the node
     std::vector<float> cost_;           ///< [N] relaxed cost of the node, or of its parent
-    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal that do not hold, for novelty
+    std::vector<std::int32_t> left_;    ///< [N] conditions of the goal, or landmarks, that it lacks
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
-    Queue all_, helped_;                ///< of all nodes; of those that a helpful action leads to
+    Landmarks landmarks_;               ///< of the first root, in the lazy search
+    std::size_t words_ = 0;
+    std::vector<std::uint64_t> marks_;  ///< [N * words] bits of the landmarks that were true before
+    /// Of all nodes, and of those that a helpful action leads to, by cost; then by landmarks.
+    std::array<Queue, 4> queues_;
     std::optional<Seen> seen_;
+    std::vector<std::int64_t> plan_, applied_;  ///< of a way that is mended; those that are applicable
     int root_ = -1, best_ = -1, goal_ = -1, last_ = -1;
     /// How many roots there were: a node that is the root again is another one.
     std::int32_t roots_ = 0;
     double least_ = std::numeric_limits<double>::infinity();
+    std::int32_t least_left_ = 0;       ///< fewest landmarks that a node lacks
     std::int64_t work_ = 0;
     bool full_ = false, fresh_ = true;
+    bool landmark_ = false;             ///< whether the newest node is the first with a landmark
     std::vector<Digest> atoms_;         ///< [F] scratch memory
     std::vector<std::uint8_t> helpful_; ///< [A] scratch memory
     std::vector<double> source_, target_;  ///< [F], [F + 1] scratch memory
+    std::vector<Digest> packed_;        ///< [size] scratch memory
 };
 
-template <class Number>
-int Tree<Number>::find(const double* row) const {
+Digest WaySearch::digest(const Digest* words) const {
+    Digest digest = START;
+    for (std::size_t k = 0; k < size_; ++k) digest = mixed(digest, words[k]);
+    return finished(digest);
+}
+
+/// Packs a state: whether each fluent is not 0, then the bits of the numbers.
+void WaySearch::pack(const double* row) {
+    for (std::size_t word = 0; word < bits_; ++word) {
+        const int from = static_cast<int>(64 * word), to = std::min(from + 64, width_);
+        packed_[word] = 0;
+        for (int i = from; i < to; ++i) packed_[word] |= Digest{row[i] != 0.0} << (i - from);
+    }
+    for (std::size_t k = 0; k < numbers_.size(); ++k) packed_[bits_ + k] = bits_of(row[numbers_[k]]);
+}
+
+void WaySearch::unpack(int node, double* row) const {
+    const Digest* words = state(node);
+    for (int i = 0; i < width_; ++i) row[i] = static_cast<double>(words[i / 64] >> (i % 64) & 1);
+    for (std::size_t k = 0; k < numbers_.size(); ++k)
+        row[numbers_[k]] = std::bit_cast<double>(words[bits_ + k]);
+}
+
+int WaySearch::find(const double* row) {
     std::vector<double> source(row, row + width_);
     for (const auto fluent : inert_) source[fluent] = 0.0;
-    return table_.find(digest_of_row(source.data(), width_), [&](int other) {
-        return std::equal(source.begin(), source.end(), state(other));
-    });
+    pack(source.data());
+    return table_.find(digest(packed_.data()), [this](int other) { return is_state(other); });
 }
 
 /// Makes a state the root: what it does not lead to is left out from now on. A tree that does not
 /// hold the state, or has no room left, begins anew.
-template <class Number>
-void Tree<Number>::enter(const double* row) {
+void WaySearch::enter(const double* row) {
     const bool room = !full_ && roots_ < std::numeric_limits<std::int32_t>::max() / 2;
     const int node = root_ < 0 || !room ? -1 : find(row);
     if (node >= 0 && reached(node)) {
@@ -196,18 +233,20 @@ void Tree<Number>::enter(const double* row) {
     }
     table_.clear();
     states_.clear(), parent_.clear(), action_.clear(), known_.clear(), cost_.clear();
-    left_.clear(), done_.clear();
-    all_ = Queue(kind_ != NOVEL), helped_ = Queue(kind_ != NOVEL);
+    left_.clear(), done_.clear(), marks_.clear();
+    queues_.fill(Queue(kind_ == GREEDY));
+    if (kind_ == LAZY) landmarks_ = costs_.landmarks(row, work_);
+    words_ = (landmarks_.facts.size() + 63) / 64;
     if (kind_ == NOVEL) seen_.emplace();
     root_ = 0, roots_ = 1, best_ = -1, goal_ = -1, full_ = false, fresh_ = true;
     least_ = std::numeric_limits<double>::infinity();
+    least_left_ = std::numeric_limits<std::int32_t>::max();
     std::copy_n(row, width_, target_.begin());
     add(target_.data(), -1, -1);
 }
 
 /// Returns whether the root leads to a node.
-template <class Number>
-bool Tree<Number>::reached(int node) {
+bool WaySearch::reached(int node) {
     int at = node;
     while (at >= 0 && at != root_ && known_[at] / 2 != roots_) at = parent_[at];
     const int known = 2 * roots_ + (at == root_ || (at >= 0 && known_[at] % 2));
@@ -217,64 +256,89 @@ bool Tree<Number>::reached(int node) {
 
 /// Adds a node with a state [F] if there is none; inert fluents become 0. Returns whether the node is
 /// worth going to: not if it is known to be a dead end.
-template <class Number>
-bool Tree<Number>::add(double* row, int parent, int action) {
+bool WaySearch::add(double* row, int parent, int action) {
     for (const auto fluent : inert_) row[fluent] = 0.0;
     const int node = nodes();
+    pack(row);
     const int found = table_.find_or_add(
-        digest_of_row(row, width_), node,
-        [&](int other) { return std::equal(row, row + width_, state(other)); },
-        [&](int other) { return digest_of_row(state(other), width_); });
+        digest(packed_.data()), node, [this](int other) { return is_state(other); },
+        [this](int other) { return digest(state(other)); });
     work_ += 384 + width_;
     if (found != node) {
         if (cost_[found] == std::numeric_limits<float>::infinity()) return false;
         if (reached(found)) return true;
         // The root does not lead there by the way that was known.
         parent_[found] = parent, action_[found] = action, known_[found] = 0, done_[found] = 0;
+        landmark_ = false;
         open(found);
         return true;
     }
-    for (int i = 0; i < width_; ++i) {
-        if constexpr (sizeof(Number) == 1)
-            states_.push_back(row[i] != 0.0);
-        else
-            states_.push_back(row[i]);
-    }
+    states_.insert(states_.end(), packed_.begin(), packed_.end());
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
-    left_.push_back(kind_ == NOVEL ? costs_.lacking(row) : 0);
-    cost_.push_back(kind_ != LAZY ? evaluate(row) : parent < 0 ? 0.0f : cost_[parent]);
+    left_.push_back(kind_ == NOVEL ? costs_.lacking(row) : count_landmarks(row, parent));
+    if (kind_ == LAZY || kind_ == MEND)
+        cost_.push_back(parent < 0 ? 0.0f : cost_[parent] + (kind_ == MEND));
+    else
+        cost_.push_back(evaluate(row));
     if (cost_[node] == std::numeric_limits<float>::infinity() && parent >= 0) return false;
     open(node);
     return true;
 }
 
 /// Appends a node to the queues.
-template <class Number>
-void Tree<Number>::open(int node) {
+void WaySearch::open(int node) {
     constexpr int MOST = (1 << 20) - 1;
     const double key =
         kind_ == NOVEL ? (novelty(node) << 20) + std::min(left_[node], MOST) : cost_[node];
-    all_.append(key, node);
-    if (action_[node] >= 0 && helpful_[action_[node]]) helped_.append(cost_[node], node);
+    queues_[0].append(key, node);
+    const bool helped = action_[node] >= 0 && (helpful_[action_[node]] || landmark_);
+    if (helped) queues_[1].append(cost_[node], node);
+    if (words_) queues_[2].append(left_[node], node);
+    if (words_ && helped) queues_[3].append(left_[node], node);
     if (kind_ != LAZY) improve(node);
 }
 
+/// Appends to `marks_` the landmarks that were true on the way to a new node, and returns how many
+/// were not, or have to be true again (Richter & Westphal, JAIR 2010).
+int WaySearch::count_landmarks(const double* row, int parent) {
+    const int count = static_cast<int>(landmarks_.facts.size());
+    if (!count) return 0;
+    const int node = nodes() - 1;
+    for (std::size_t word = 0; word < words_; ++word)
+        marks_.push_back(parent < 0 ? 0 : marks_[parent * words_ + word]);
+    landmark_ = false;
+    int left = 0;
+    for (int k = 0; k < count; ++k) {
+        std::uint64_t& word = marks_[node * words_ + k / 64];
+        const std::uint64_t bit = std::uint64_t{1} << (k % 64);
+        if ((word & bit) && !landmarks_.lasting[k]) continue;
+        const bool holds = costs_.holds(landmarks_.facts[k], row);
+        left += !holds;
+        landmark_ |= holds && !(word & bit);
+        if (holds) word |= bit;
+    }
+    work_ += 2 * count;
+    return left;
+}
+
 /// Remembers the node of the least cost.
-template <class Number>
-void Tree<Number>::improve(int node) {
+void WaySearch::improve(int node) {
+    const bool nearer = left_[node] < least_left_;
+    least_left_ = std::min(least_left_, left_[node]);
+    if (kind_ == LAZY && node != root_ && (nearer || cost_[node] < least_))
+        for (const int k : {1, 3}) queues_[k].turns -= BOOST;
     if (cost_[node] >= least_) return;
-    if (kind_ == LAZY && node != root_) helped_.turns -= BOOST;
     least_ = cost_[node];
     if (node != root_) best_ = node;
 }
 
 /// Removes and returns the next node to expand, of the queues in turn; -1 where none is left.
-template <class Number>
-int Tree<Number>::next() {
+int WaySearch::next() {
     for (;;) {
-        if (all_.empty() && helped_.empty()) return -1;
-        const bool helped = all_.empty() || (!helped_.empty() && helped_.turns < all_.turns);
-        Queue* first = helped ? &helped_ : &all_;
+        Queue* first = nullptr;
+        for (Queue& queue : queues_)
+            if (!queue.empty() && (!first || queue.turns < first->turns)) first = &queue;
+        if (!first) return -1;
         const int node = first->next();
         if (done_[node] || !reached(node)) continue;
         ++first->turns;
@@ -283,25 +347,25 @@ int Tree<Number>::next() {
 }
 
 /// Returns the relaxed cost of a state [F].
-template <class Number>
-float Tree<Number>::evaluate(const double* row) {
+float WaySearch::evaluate(const double* row) {
     const auto cost = static_cast<float>(costs_.estimate(row).cost);
     work_ += costs_.updates();
     return std::max(cost, 0.0f);  // rounding may make it negative
 }
 
 /// Evaluates a node, and adds the nodes that it leads to; returns whether an edge reaches the goal.
-template <class Number>
-bool Tree<Number>::expand(int node) {
+bool WaySearch::expand(int node) {
     done_[node] = 1;
-    std::copy_n(state(node), width_, source_.begin());
+    if (kind_ == MEND && follow(node)) return true;
+    unpack(node, source_.data());
     std::fill(helpful_.begin(), helpful_.end(), 0);
-    float cost = evaluate(source_.data());
     work_ += 8 * model_.actions();
-    const bool alive = cost < std::numeric_limits<float>::infinity();
-    const auto plan = static_cast<float>(costs_.relaxed_plan(helpful_));
-    if (alive && kind_ == LAZY) cost = plan;
-    cost_[node] = cost;
+    if (kind_ != MEND) {
+        const float cost = evaluate(source_.data());
+        const auto plan = static_cast<float>(costs_.relaxed_plan(helpful_));
+        cost_[node] = kind_ == LAZY && cost < std::numeric_limits<float>::infinity() ? plan : cost;
+    }
+    const bool alive = cost_[node] < std::numeric_limits<float>::infinity();
     if (!alive && node != root_) return false;  // from the root every action is tried
     stepper_->from(source_.data());
     bool goes_on = false;
@@ -313,7 +377,7 @@ bool Tree<Number>::expand(int node) {
         if (!(flags & TERMINAL)) {
             goes_on |= add(target_.data(), node, action);
         } else if (target_[width_] > 0.0) {
-            goal_ = best_ = node, last_ = action, least_ = 0.0, done_[node] = 0;
+            end_at(node, action);
             return true;
         }
     }
@@ -322,24 +386,72 @@ bool Tree<Number>::expand(int node) {
     return false;
 }
 
+/// Returns whether actions lead from a node to the goal, one of them left out, and those that are not
+/// applicable, or not safe; `applied_` becomes the others.
+bool WaySearch::applied(int node, const std::vector<std::int64_t>& plan, std::size_t without) {
+    unpack(node, source_.data());
+    applied_.clear();
+    for (std::size_t k = 0; k < plan.size(); ++k) {
+        if (k == without) continue;
+        stepper_->from(source_.data());
+        const Flags flags = stepper_->step(static_cast<int>(plan[k]), target_.data());
+        work_ += 64 + width_ / 2;
+        if (!(flags & APPLICABLE) || step_risk(flags, accepted_risk_) > 0.0) continue;
+        applied_.push_back(plan[k]);
+        if (flags & TERMINAL) return target_[width_] > 0.0;
+        std::copy_n(target_.begin(), width_, source_.begin());
+    }
+    return false;
+}
+
+/// Follows the kept actions from a node, without those that the goal does not need (action
+/// elimination: Nakhost & Müller, ICAPS 2010); returns whether they lead to the goal.
+bool WaySearch::follow(int node) {
+    if (!applied(node, plan_, plan_.size())) return false;
+    plan_ = applied_;
+    const std::int64_t most = work_ + ELIMINATION * WORK;
+    for (std::size_t k = 0; k + 1 < plan_.size() && work_ < most;)
+        if (applied(node, plan_, k))
+            plan_ = applied_;
+        else
+            ++k;
+    for (const auto action : plan_) {
+        unpack(node, source_.data());
+        stepper_->from(source_.data());
+        if (stepper_->step(static_cast<int>(action), target_.data()) & TERMINAL) {
+            end_at(node, static_cast<int>(action));
+            return true;
+        }
+        add(target_.data(), node, static_cast<int>(action));
+        node = find(target_.data());
+    }
+    return false;
+}
+
 /// Returns the novelty of a node, and remembers its values and pairs: 1 where a value is new among
 /// the states that lack as many conditions of the goal, 2 where a pair of values is, else 3.
-template <class Number>
-int Tree<Number>::novelty(int node) {
+int WaySearch::novelty(int node) {
     const int parent = parent_[node];
     const bool everything = parent < 0 || left_[parent] != left_[node];
     const Digest group = mixed(START, left_[node]);
-    const Number* row = state(node);
-    const Number* former = everything ? row : state(parent);
+    const Digest* row = state(node);
+    const Digest* former = everything ? row : state(parent);
     int count = 0;
-    auto remember = [&](int i) {
-        atoms_[count++] = finished(mixed(mixed(group, i), bits_of(row[i])));
+    auto remember = [&](bool changes) {
+        for (std::size_t word = 0; word < bits_; ++word) {
+            const Digest change = everything ? row[word] : row[word] ^ former[word];
+            for (Digest of = changes ? change : row[word] & ~change; of; of &= of - 1) {
+                const int bit = std::countr_zero(of);
+                atoms_[count++] = finished(mixed(mixed(group, 64 * word + bit), row[word] >> bit & 1));
+            }
+        }
+        for (std::size_t k = bits_; k < size_; ++k)
+            if (row[k] != 0 && changes == (everything || row[k] != former[k]))
+                atoms_[count++] = finished(mixed(mixed(group, 64 * k), row[k]));
     };
-    for (int i = 0; i < width_; ++i)  // the values that changed come first
-        if (everything ? row[i] != 0 : row[i] != former[i]) remember(i);
+    remember(true);  // the values that changed come first
     const int changed = count;
-    for (int i = 0; i < width_ && !everything; ++i)
-        if (row[i] != 0 && row[i] == former[i]) remember(i);
+    if (!everything) remember(false);
     const bool pairs = std::int64_t{changed} * count <= MAX_PAIRS;
     work_ += 64 + 4 * (pairs ? changed * count : changed);
     bool single = false, pair = false;
@@ -352,14 +464,14 @@ int Tree<Number>::novelty(int node) {
     return single ? 1 : pair ? 2 : 3;
 }
 
-template <class Number>
-std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64_t limit) {
-    const std::int64_t most = std::min(
-        MAX_BYTES / (NODE_BYTES + width_ * static_cast<std::int64_t>(sizeof(Number))),
-        std::int64_t{std::numeric_limits<std::int32_t>::max()} / 2 - model_.actions() - 2);
+std::pair<std::int64_t, bool> WaySearch::search(const double* row, std::int64_t limit) {
     std::fill(helpful_.begin(), helpful_.end(), 0);
     work_ = 0;
     enter(row);
+    const auto bytes = NODE_BYTES + static_cast<std::int64_t>(8 * (words_ + size_));
+    const std::int64_t most = std::min(
+        MAX_BYTES / bytes,
+        std::int64_t{std::numeric_limits<std::int32_t>::max()} / 2 - model_.actions() - 2);
     goal_ = -1;
     while (work_ / WORK < limit) {
         const int node = next();
@@ -371,24 +483,38 @@ std::pair<std::int64_t, bool> Tree<Number>::search(const double* row, std::int64
         if (expand(node)) return {work_ / WORK, true};
     }
     if (best_ < 0 || best_ == root_ || !reached(best_)) {  // on to the best that is open
-        while ((best_ = all_.peek()) >= 0 && (done_[best_] || !reached(best_))) all_.next();
+        Queue& all = queues_[0];
+        while ((best_ = all.peek()) >= 0 && (done_[best_] || !reached(best_))) all.next();
     }
     return {work_ / WORK, false};
 }
 
-template <class Number>
-std::vector<double> Tree<Number>::way() const {
+std::vector<double> WaySearch::way() const {
     std::vector<int> nodes;
     for (int node = goal_; node >= 0; node = node == root_ ? -1 : parent_[node])
         nodes.push_back(node);
-    std::vector<double> states;
-    for (auto at = nodes.rbegin(); at != nodes.rend(); ++at)
-        states.insert(states.end(), state(*at), state(*at) + width_);
+    std::vector<double> states(nodes.size() * width_);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+        unpack(nodes[nodes.size() - 1 - k], states.data() + k * width_);
     return states;
 }
 
-template <class Number>
-int Tree<Number>::toward(const double* row) {
+std::vector<std::int64_t> WaySearch::plan() const {
+    std::vector<std::int64_t> actions{last_};
+    for (int node = goal_; node >= 0 && node != root_; node = parent_[node])
+        actions.push_back(action_[node]);
+    std::reverse(actions.begin(), actions.end());
+    return actions;
+}
+
+void WaySearch::mend(std::vector<std::int64_t> plan) {
+    for (const auto action : plan)
+        if (action < 0 || action >= model_.actions())
+            throw std::invalid_argument("there is no action " + std::to_string(action));
+    plan_ = std::move(plan);
+}
+
+int WaySearch::toward(const double* row) {
     const int from = root_ < 0 ? -1 : find(row);
     if (from < 0 || !reached(from)) return -1;
     if (from == goal_) return last_;
@@ -400,21 +526,20 @@ int Tree<Number>::toward(const double* row) {
 // For Python ---------------------------------------------------------------------------------------
 
 std::unique_ptr<WaySearch> way_search(const Model& model, const Relaxation& relaxation,
-                                      const In<std::int64_t, nb::ndim<1>>& inert, bool binary,
+                                      const In<std::int64_t, nb::ndim<1>>& inert,
+                                      const In<std::int64_t, nb::ndim<1>>& numbers,
                                       double accepted_risk, std::int64_t kind) {
     if (kind < 0 || kind >= KINDS)
         throw std::invalid_argument("there is no search " + std::to_string(kind));
     if (relaxation.fluents() != model.fluents() || relaxation.last_action() >= model.actions())
         throw std::invalid_argument("model and relaxation differ in their fluents or actions");
-    std::vector<std::int64_t> fluents = vector_of(inert);
-    for (const auto fluent : fluents)
-        if (fluent < 0 || fluent >= model.fluents())
-            throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
-    if (binary)
-        return std::make_unique<Tree<std::uint8_t>>(model, relaxation, std::move(fluents),
-                                                    accepted_risk, static_cast<Kind>(kind));
-    return std::make_unique<Tree<double>>(model, relaxation, std::move(fluents), accepted_risk,
-                                          static_cast<Kind>(kind));
+    std::vector<std::int64_t> zero = vector_of(inert), kept = vector_of(numbers);
+    for (const auto& fluents : {zero, kept})
+        for (const auto fluent : fluents)
+            if (fluent < 0 || fluent >= model.fluents())
+                throw std::invalid_argument("there is no fluent " + std::to_string(fluent));
+    return std::make_unique<WaySearch>(model, relaxation, std::move(zero), std::move(kept),
+                                       accepted_risk, static_cast<Kind>(kind));
 }
 
 }  // namespace
@@ -427,10 +552,10 @@ void bind_goal_search(nb::module_& module) {
     nb::class_<WaySearch>(module, "WaySearch",
                           "A search for a way to the goal that can be gone on with.")
         .def(nb::new_(&way_search), nb::arg("model"), nb::arg("relaxation"), nb::arg("inert"),
-             nb::arg("binary"), nb::arg("accepted_risk"), nb::arg("kind"),
+             nb::arg("numbers"), nb::arg("accepted_risk"), nb::arg("kind"),
              nb::keep_alive<0, 2>(), nb::keep_alive<0, 3>(),  // of __new__, whose first one is the class
-             "Fluents `inert` become 0 in all states; `binary` says that all others are 0 or 1. The "
-             "search is by novelty (`kind` 0), by relaxed cost (1), or lazy (2).")
+             "Fluents `inert` become 0 in all states; all others but `numbers` are 0 or 1. The "
+             "search is by novelty (`kind` 0), by relaxed cost (1), lazy (2), or mends a way (3).")
         .def("search", [](WaySearch& self, const State& state, std::int64_t limit)
                 -> std::pair<std::int64_t, std::optional<Array<double>>> {
                 const auto [followed, found] = self.search(state_of(state, self.fluents()), limit);
@@ -442,6 +567,14 @@ void bind_goal_search(nb::module_& module) {
             }, nb::arg("state"), nb::arg("limit"),
             "Search on from a state [F]. Return the edges that were followed, about `limit` at "
             "most, and the states [N, F] on the way but the last one; None where none was found.")
+        .def("plan", [](const WaySearch& self) {
+                std::vector<std::int64_t> actions = self.plan();
+                const std::size_t length = actions.size();
+                return array_of(std::move(actions), {length});
+            }, "Return the actions [N] of the way that was found.")
+        .def("mend", [](WaySearch& self, const In<std::int64_t, nb::ndim<1>>& plan) {
+                self.mend(vector_of(plan));
+            }, nb::arg("plan"), "Take the actions [N] of a way that was left.")
         .def("toward", [](WaySearch& self, const State& state) {
                 return self.toward(state_of(state, self.fluents()));
             }, nb::arg("state"),

@@ -4,12 +4,16 @@ Three searches share the work, because none solves what the others do. In one, t
 first that have new values, or pairs of values, among the states that lack as many conditions of the
 goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in another those of the least
 relaxed cost. The third goes by the cost of the relaxed plan of the state before, and evaluates a
-state only when its turn comes (lazy greedy search: Richter & Westphal, "The LAMA planner", JAIR
-2010). In all, every other state is one that a helpful action leads to, one that begins a relaxed
-plan (Hoffmann & Nebel, JAIR 2001); the lazy search takes many of these after each progress. The
-shortest of the ways that are found is taken. Searches that have found no way lead to the state of
-the least relaxed cost, and go on from there with the states that they know. States from which even
-the relaxed goal is out of reach are dead ends, and no way leads there.
+state only when its turn comes; in turns with that it goes by the landmarks that were not true on
+the way, the facts that every relaxed plan makes true (lazy greedy search: Richter & Westphal,
+ "The LAMA planner", JAIR 2010). In all, every other state is one that a helpful action
+leads to, one that begins a relaxed plan (Hoffmann & Nebel, JAIR 2001); the lazy search takes many
+of these after each progress. They search in rounds of twice as much work, each as much as the
+others. The shortest of the ways that a round finds is taken, without the actions that the goal does
+not need. Where the world has left a way, a fourth search goes breadth first to a state from which
+its actions lead to the goal. Searches that have found no way lead to the state of the least relaxed
+cost, and go on from there with the states that they know. States from which even the relaxed goal
+is out of reach are dead ends, and no way leads there.
 
 The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
 facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
@@ -20,6 +24,7 @@ be repeated (Scala, Haslum & Thiébaux, "Heuristics for numeric planning via sub
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final, NamedTuple
@@ -43,6 +48,10 @@ _NEVER: Final = Linear({}, _MINUS)
 _NO_CHANGE: Final = Linear({}, Fraction(0))
 _KINDS: Final = (2, 0, 1)
 """The searches, see `WaySearch`, in their order."""
+_FIRST: Final = 5_000
+"""Edges that each search follows in the first round; twice as many in every further one."""
+_MEND: Final = 3
+"""The search that mends a way, see `WaySearch`."""
 _LEVELS: Final = 2
 """Sums that are added to sums that are added to sums of conditions are followed so far."""
 
@@ -255,9 +264,10 @@ class GoalSearch:
         self._accepted = settings.accepted_risk
         self.steps = 0
         self._relaxed: Relaxation | None = None
+        self._new: functools.partial[WaySearch]
         self._trees: list[WaySearch] = []
-        self._calls: list[tuple[Vector, int]] = []
-        self._found = False
+        self._calls: list[tuple[Vector, int, NDArray[np.int64]]] = []
+        self._found = self._fresh = False
         if model.actions and not model.ground.processes:
             self._relaxed = relaxed(model.ground, model.theta.tolist())
 
@@ -270,23 +280,32 @@ class GoalSearch:
         """Begin anew with the next search."""
         self._trees, self._calls, self._found = [], [], False
 
-    def way(self, state: Vector, limit: int) -> Vector | None:
+    def way(self, state: Vector, limit: int, plan: Sequence[int] = ()) -> Vector | None:
         """Return the states `[N, F]` on a way from a state `[F]` to the goal, but the last one.
 
         The likeliest outcome of every step is followed, no step that is not safe, and at most
         about `limit` edges. None where there is no goal, or no way was found: the next call goes on
         with the same tree, if it holds the state.
+
+        Args:
+            state: The state.
+            limit: Most edges.
+            plan: Actions that led to the goal from the state where the world was to be. A way that
+                goes on with them is found first, and then is the only one that is searched for.
         """
         self.steps = 0
         if self._relaxed is None:
             return None
         trees = self._grown()  # after a restart it is known then whether a way was found
-        if self._found:
+        if self._found and not plan:
             self.forget()
             trees = self._grown()
-        self._calls.append((state.copy(), limit))
-        self.steps, way = self._search(trees, state, limit)
-        if all(tree.fresh for tree in trees):
+        call = state.copy(), limit, np.array(plan, np.int64)
+        self._calls.append(call)
+        self.steps, way = self._search(trees, *call)
+        if way is None and plan:  # nothing has changed
+            self._calls.pop()
+        elif self._fresh:
             del self._calls[:-1]
         return way
 
@@ -301,31 +320,57 @@ class GoalSearch:
         """Return the trees; after a restart they are grown again by the same searches."""
         if not self._trees and self._relaxed is not None:
             model, inert = self._model, inert_fluents(self._model)
-            numeric = {fluent.index for fluent in model.fluents if fluent.numeric}
-            binary = numeric <= set(inert.tolist())
-            self._trees = [
-                WaySearch(model.core, self._relaxed, inert, binary, self._accepted, kind)
-                for kind in _KINDS
-            ]
-            for state, limit in self._calls:
-                self._search(self._trees, state, limit)
+            numeric = [fluent.index for fluent in model.fluents if fluent.numeric]
+            numbers = np.setdiff1d(np.array(numeric, np.int64), inert)
+            self._new = functools.partial(
+                WaySearch, model.core, self._relaxed, inert, numbers, self._accepted
+            )
+            self._trees = [self._new(kind) for kind in _KINDS]
+            for call in self._calls:
+                self._search(self._trees, *call)
         return self._trees
 
     def _search(
-        self, trees: Sequence[WaySearch], state: Vector, limit: int
+        self, trees: Sequence[WaySearch], state: Vector, limit: int, plan: NDArray[np.int64]
     ) -> tuple[int, Vector | None]:
-        followed, best = 0, None
+        """Search in rounds; in each one all searches do as much work."""
+        followed, work, best = 0, _FIRST, None
+        spent = dict.fromkeys(trees, 0)
+        fresh = set[WaySearch]()
         try:
-            for tree in tuple(trees):
-                steps, way = tree.search(state, max(1, limit // len(_KINDS)))
-                followed += steps
-                if way is not None and (best is None or len(way) < len(best)):
-                    best, self._trees = way, [tree]
+            if len(plan):
+                return self._mend(state, limit, plan)
+            while best is None and spent and followed < limit:
+                work = min(work, max(spent.values()) + max(1, (limit - followed) // len(spent)))
+                for tree in [tree for tree in spent if spent[tree] < work]:
+                    steps, way = tree.search(state, work - spent[tree])
+                    followed += steps
+                    fresh |= {tree} if tree.fresh else set()
+                    if way is not None and (best is None or len(way) < len(best)):
+                        best, self._trees = way, [tree]
+                    spent[tree] += steps
+                    if spent[tree] < work:  # nothing is left, or no room
+                        del spent[tree]
+                work *= 2
+            if best is not None:  # what the goal does not need is left out
+                steps, way = self._mend(state, limit, self._trees[0].plan())
+                followed, best = followed + steps, best if way is None else way
         except MemoryError:  # no way was found
             self.forget()
             best = None
-        self._found = best is not None
+        self._found, self._fresh = best is not None, len(fresh) == len(trees)
         return followed, best
+
+    def _mend(
+        self, state: Vector, limit: int, plan: NDArray[np.int64]
+    ) -> tuple[int, Vector | None]:
+        """Search for a way that goes on with a plan."""
+        tree = self._new(_MEND)
+        tree.mend(plan)
+        steps, way = tree.search(state, limit)
+        if way is not None:
+            self._trees, self._found, self._fresh = [tree], True, True
+        return steps, way
 
     @property
     def least(self) -> float:
@@ -336,9 +381,13 @@ class GoalSearch:
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly: the searches to do again."""
-        width = len(self._model.fluents)
-        states = np.array([state for state, _ in self._calls]).reshape(len(self._calls), width)
-        return {"states": states, "limits": np.array([n for _, n in self._calls], np.int64)}
+        width, calls = len(self._model.fluents), self._calls
+        return {
+            "states": np.array([state for state, _, _ in calls]).reshape(len(calls), width),
+            "limits": np.array([limit for _, limit, _ in calls], np.int64),
+            "lengths": np.array([len(plan) for _, _, plan in calls], np.int64),
+            "plans": np.concatenate([np.zeros(0, np.int64), *(plan for _, _, plan in calls)]),
+        }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
@@ -346,4 +395,8 @@ class GoalSearch:
         saved = Saved("goal search", arrays, {})
         limits = saved.array("limits", np.int64, (-1,), 1, MOST)
         states = saved.array("states", np.float64, (len(limits), len(self._model.fluents)))
-        self._calls = list(zip(states, limits.tolist(), strict=True))
+        lengths = saved.array("lengths", np.int64, (len(limits),), 0, MOST)
+        last = len(self._model.actions) - 1
+        plans = saved.array("plans", np.int64, (int(lengths.sum()),), 0, last)
+        split = np.split(plans, np.cumsum(lengths)[:-1])
+        self._calls = list(zip(states, limits.tolist(), split, strict=False))

@@ -6,9 +6,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "serp/_util/arrays.hpp"
 
@@ -40,59 +42,76 @@ Relaxation::Relaxation(int fluents, const std::vector<Comparison>& comparisons,
         }
         terms_.end_row();
     }
-    step_.resize(constant_.size());
-    std::vector<std::vector<int>> users(facts_);
-    for (const auto& [facts, cost, adds, action] : operators) {
-        const int number = static_cast<int>(cost_.size());
+    const int base = 2 * fluents_;
+    std::vector<std::vector<int>> users(facts_), makers(facts_);
+    for (int number = 0; const auto& [facts, cost, adds, action] : operators) {
         if (!(cost >= 0.0 && cost < INFINITE))
             throw std::invalid_argument("the cost of an operator is not usable");
-        int needs = 0;
-        for (const int fact : facts) {
-            auto& its_users = users[checked(fact, facts_, "fact")];
-            if (!its_users.empty() && its_users.back() == number) continue;
-            its_users.push_back(number);
-            needed_.add(fact);
-            ++needs;
-        }
-        needed_.end_row();
         if (action < -1) throw std::invalid_argument("there is no action below -1");
-        action_.push_back(action);
-        if (needs == 0) free_.push_back(number);
-        needs_.push_back(needs);
-        cost_.push_back(cost);
-        for (const Addition& addition : adds) {
-            const auto [fact, gain, amount] = addition;
-            const int base = 2 * fluents_;
-            checked(fact, facts_, "fact");
+        last_action_ = std::max(last_action_, action);
+        for (const int fact : facts) checked(fact, facts_, "fact");
+        for (const auto& [fact, gain, amount] : adds) {
+            makers[checked(fact, facts_, "fact")].push_back(number);
             if (amount >= 0) checked(amount, facts_, "fact");
             if ((gain > 0.0 || amount >= 0) && (fact < base || (amount >= 0 && amount < base)))
                 throw std::invalid_argument("a fact that is not a comparison has a gain");
-            if (gain > 0.0) step_[fact - base] = std::max(step_[fact - base], gain);
-            adds_.add(addition);
         }
-        adds_.end_row();
+        ++number;
+    }
+    is_goal_.resize(facts_);
+    for (const Way& way : ways) {
+        for (const int fact : way) ways_.add(checked(fact, facts_, "fact")), is_goal_[fact] = 1;
+        ways_.end_row();
+    }
+    // Other facts and operators than those that the goal may need make no difference.
+    std::vector<std::uint8_t> relevant = is_goal_, used(operators.size());
+    std::vector<int> open;
+    for (int fact = 0; fact < facts_; ++fact)
+        if (relevant[fact]) open.push_back(fact);
+    while (!open.empty()) {
+        const int made = open.back();
+        open.pop_back();
+        for (const int number : makers[made]) {
+            if (std::exchange(used[number], 1)) continue;
+            for (const int fact : std::get<0>(operators[number]))
+                if (!std::exchange(relevant[fact], 1)) open.push_back(fact);
+        }
+    }
+    step_.resize(constant_.size());
+    for (std::size_t number = 0; number < operators.size(); ++number) {
+        if (!used[number]) continue;
+        const auto& [facts, cost, adds, action] = operators[number];
+        const int kept = static_cast<int>(cost_.size());
+        for (const int fact : facts) {
+            if (!users[fact].empty() && users[fact].back() == kept) continue;
+            users[fact].push_back(kept);
+            needed_.add(fact);
+        }
+        needed_.end_row();
+        if (facts.empty()) free_.push_back(kept);
+        action_.push_back(action);
+        cost_.push_back(cost);
+        for (const auto& [fact, gain, amount] : adds) {
+            if (!relevant[fact]) continue;
+            if (gain > 0.0) step_[fact - base] = std::max(step_[fact - base], gain);
+            if (gain > 0.0 || amount >= 0)
+                gains_.add({fact, gain, amount});
+            else
+                adds_.add(fact);
+        }
+        adds_.end_row(), gains_.end_row();
     }
     for (const auto& its_users : users) {
         for (const int user : its_users) users_.add(user);
         users_.end_row();
     }
-    for (const Way& way : ways) {
-        for (const int fact : way) ways_.add(checked(fact, facts_, "fact"));
-        ways_.end_row();
-    }
 }
 
 RelaxedCosts::RelaxedCosts(const Relaxation& relaxation)
-    : relaxation_(relaxation), cost_(relaxation.facts_), passed_(relaxation.facts_),
-      gap_(relaxation.constant_.size()), queue_(relaxation.facts_ + 1),
-      queued_(relaxation.facts_), sums_(relaxation.needs_.size()), by_(relaxation.facts_),
-      paid_(relaxation.needs_.size()) {}
-
-void RelaxedCosts::push(int fact) {
-    if (queued_[fact]) return;
-    queued_[fact] = 1;
-    queue_[end_] = fact;
-    if (++end_ == queue_.size()) end_ = 0;
+    : relaxation_(relaxation), cost_(relaxation.facts_),
+      gap_(relaxation.constant_.size()), by_(relaxation.facts_), paid_(relaxation.cost_.size()) {
+    for (std::size_t k = 0; k < paid_.size(); ++k)
+        first_.push_back({0.0, static_cast<int>(relaxation.needed_[k].size())});
 }
 
 /// Returns what one application adds to a sum; 0 where one is enough. Where that depends on the
@@ -106,19 +125,28 @@ double RelaxedCosts::gain_of(const Relaxation::Addition& addition) const {
     return step > 0.0 ? step * (std::floor(lacks / step) + 1.0) - lacks : 0.0;
 }
 
+void RelaxedCosts::push(double cost, int fact) {
+    queue_.push_back({cost, fact});
+    std::push_heap(queue_.begin(), queue_.end(), std::greater<>());
+}
+
+/// Lowers the cost of a fact to what it takes by an operator.
+void RelaxedCosts::lower(int fact, double cost, int its_operator) {
+    if (!(cost < cost_[fact] - 1e-9) || fact == forbidden_) return;
+    cost_[fact] = cost;
+    by_[fact] = its_operator;
+    push(cost, fact);
+}
+
 /// Lowers the costs of what an operator makes true.
 void RelaxedCosts::apply(int its_operator) {
-    const int base = 2 * relaxation_.fluents_;
-    for (const Relaxation::Addition& addition : relaxation_.adds_[its_operator]) {
+    const double sum = needs_[its_operator].sum, cost = relaxation_.cost_[its_operator];
+    for (const int fact : relaxation_.adds_[its_operator]) lower(fact, sum + cost, its_operator);
+    for (const Relaxation::Addition& addition : relaxation_.gains_[its_operator]) {
         const int fact = std::get<0>(addition);
-        const double gain = gain_of(addition);
-        const double times = gain > 0.0 ? std::max(1.0, std::ceil(gap_[fact - base] / gain)) : 1.0;
-        const double cost = sums_[its_operator] + times * relaxation_.cost_[its_operator];
-        if (cost < cost_[fact] - 1e-9) {
-            cost_[fact] = cost;
-            by_[fact] = its_operator;
-            push(fact);
-        }
+        const double gain = gain_of(addition), gap = gap_[fact - 2 * relaxation_.fluents_];
+        const double times = gain > 0.0 ? std::max(1.0, std::ceil(gap / gain)) : 1.0;
+        lower(fact, sum + times * cost, its_operator);
     }
 }
 
@@ -129,44 +157,39 @@ double RelaxedCosts::total(int k, const double* state) const {
     return total;
 }
 
-/// Sets the costs of the facts that hold to 0, and puts them into the ring.
+/// Sets the costs of the facts that hold to 0, and puts them into the queue.
 void RelaxedCosts::begin(const double* state) {
     const int base = 2 * relaxation_.fluents_;
-    start_ = end_ = 0;
     std::fill(cost_.begin(), cost_.end(), INFINITE);
-    std::fill(passed_.begin(), passed_.end(), INFINITE);
-    std::fill(queued_.begin(), queued_.end(), 0);
     std::fill(by_.begin(), by_.end(), -1);
     for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
     for (std::size_t k = 0; k < gap_.size(); ++k) {
         gap_[k] = -total(k, state);
         if (met(k, -gap_[k])) cost_[base + k] = 0.0;
     }
+    queue_.clear();
     for (int fact = 0; fact < relaxation_.facts_; ++fact)
-        if (cost_[fact] == 0.0 && !relaxation_.users_[fact].empty()) push(fact);
-    missing_ = relaxation_.needs_;
-    std::fill(sums_.begin(), sums_.end(), 0.0);
+        if (cost_[fact] == 0.0 && (relaxation_.is_goal_[fact] || !relaxation_.users_[fact].empty()))
+            queue_.push_back({0.0, fact});
+    needs_ = first_;
     for (const int its_operator : relaxation_.free_) apply(its_operator);
 }
 
 RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
     begin(state);
-    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(relaxation_.needs_.size());
-    while (start_ != end_) {
-        const int fact = queue_[start_];
-        if (++start_ == queue_.size()) start_ = 0;
-        queued_[fact] = 0;
-        const double before = passed_[fact], cost = cost_[fact];
-        passed_[fact] = cost;
+    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(needs_.size());
+    const auto& is_goal = relaxation_.is_goal_;
+    auto goals = std::count(is_goal.begin(), is_goal.end(), 1);
+    while (!queue_.empty() && goals > 0) {  // the least cost first: it is final (Dijkstra)
+        const auto [cost, fact] = queue_.front();
+        std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
+        queue_.pop_back();
+        if (cost > cost_[fact]) continue;
+        goals -= is_goal[fact];
         updates_ += 4 * static_cast<std::int64_t>(relaxation_.users_[fact].size());
         for (const int user : relaxation_.users_[fact]) {
-            if (before == INFINITE) {
-                --missing_[user];
-                sums_[user] += cost;
-            } else {
-                sums_[user] += cost - before;
-            }
-            if (missing_[user] == 0) apply(user);
+            needs_[user].sum += cost;
+            if (--needs_[user].missing == 0) apply(user);
         }
     }
     Estimate found{INFINITE, relaxation_.facts_};
@@ -205,7 +228,7 @@ double RelaxedCosts::relaxed_plan(std::vector<std::uint8_t>& actions) {
         for (const int fact : needed)
             if (by_[fact] >= 0) open_.push_back(fact);
     };
-    open_.clear(), its_operators_.clear();
+    open_.clear(), its_operators_.clear(), plan_facts_.clear();
     if (relaxation_.ways_.size() == 0) return 0.0;
     take(relaxation_.ways_[cheapest_]);
     double total = 0.0;
@@ -215,14 +238,43 @@ double RelaxedCosts::relaxed_plan(std::vector<std::uint8_t>& actions) {
         if (its_operator < 0) continue;
         by_[fact] = -1;
         its_operators_.push_back(its_operator);
-        const double more = cost_[fact] - sums_[its_operator] - paid_[its_operator];
+        plan_facts_.push_back(fact);
+        const double more = cost_[fact] - needs_[its_operator].sum - paid_[its_operator];
         if (more > 0.0) paid_[its_operator] += more, total += more;
-        if (sums_[its_operator] <= 0.0 && relaxation_.action_[its_operator] >= 0)
+        if (needs_[its_operator].sum <= 0.0 && relaxation_.action_[its_operator] >= 0)
             actions[relaxation_.action_[its_operator]] = 1;
         take(relaxation_.needed_[its_operator]);
     }
     for (const int its_operator : its_operators_) paid_[its_operator] = 0.0;
     return total;
+}
+
+Landmarks RelaxedCosts::landmarks(const double* state, std::int64_t& work) {
+    Landmarks found;
+    const double cost = estimate(state).cost;
+    work += updates_;
+    if (cost == INFINITE || relaxation_.ways_.size() == 0) return found;
+    std::vector<std::uint8_t> helpful(relaxation_.last_action() + 1);
+    relaxed_plan(helpful);
+    for (const int fact : std::vector<int>(plan_facts_)) {
+        forbidden_ = fact;
+        const bool needed = estimate(state).cost == INFINITE;
+        work += updates_;
+        if (!needed) continue;
+        const auto needs = [&](std::size_t way) {
+            const auto facts = relaxation_.ways_[way];
+            return std::find(facts.begin(), facts.end(), fact) != facts.end();
+        };
+        found.facts.push_back(fact);
+        found.lasting.push_back(1);
+        for (std::size_t way = 0; way < relaxation_.ways_.size(); ++way)
+            found.lasting.back() &= needs(way);
+    }
+    forbidden_ = -1;
+    if (relaxation_.ways_.size() > 1) return found;
+    for (const int fact : relaxation_.ways_[0])
+        if (holds(fact, state)) found.facts.push_back(fact), found.lasting.push_back(1);
+    return found;
 }
 
 // For Python ---------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 // The relaxed domain; goal_search.py says what it is and makes it.
 #pragma once
 
-#include <algorithm>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <span>
 #include <tuple>
@@ -55,27 +55,33 @@ public:
 
     int fluents() const { return fluents_; }
     /// Returns the largest action of an operator; -1 where none has one.
-    int last_action() const {
-        return action_.empty() ? -1 : *std::max_element(action_.begin(), action_.end());
-    }
+    int last_action() const { return last_action_; }
 
 private:
     friend class RelaxedCosts;
 
     int fluents_;
     int facts_;
+    int last_action_ = -1;
     std::vector<double> constant_;       ///< of each comparison
     std::vector<std::uint8_t> strict_;   ///< of each comparison
     Rows<Term> terms_;                   ///< of each comparison
     std::vector<double> step_;           ///< of each comparison: most that an operator adds
     Rows<int> users_;                    ///< operators that need each fact
     Rows<int> needed_;                   ///< facts that each operator needs
-    std::vector<int> needs_;             ///< their number
     std::vector<int> action_;            ///< of each operator
     std::vector<int> free_;              ///< operators that need none
     std::vector<double> cost_;           ///< of each operator
-    Rows<Addition> adds_;                ///< of each operator
+    Rows<int> adds_;                     ///< facts that one application of each operator makes true
+    Rows<Addition> gains_;               ///< what each operator adds to comparisons
     Rows<int> ways_;
+    std::vector<std::uint8_t> is_goal_;  ///< of each fact: whether a way needs it
+};
+
+/// Facts that are true at some time on every relaxed way to the goal.
+struct Landmarks {
+    std::vector<int> facts;
+    std::vector<std::uint8_t> lasting;  ///< whether the goal needs each in the end
 };
 
 /// Finds how far away the goal is, with scratch memory of its own.
@@ -106,6 +112,11 @@ public:
     /// most.
     double relaxed_plan(std::vector<std::uint8_t>& actions);
 
+    /// Returns the landmarks of a state [F]: of the facts of one relaxed plan those without which the
+    /// goal is out of reach (Hoffmann, Porteous & Sebastia, "Ordered landmarks in planning", JAIR
+    /// 2004). `work`: updates of costs.
+    Landmarks landmarks(const double* state, std::int64_t& work);
+
 private:
     double total(int k, const double* state) const;
     bool met(int k, double total) const {
@@ -114,23 +125,28 @@ private:
     double gain_of(const Relaxation::Addition& addition) const;
     void begin(const double* state);
     void apply(int its_operator);
-    void push(int fact);
+    void lower(int fact, double cost, int its_operator);
+    void push(double cost, int fact);
+
+    /// Of an operator: the costs of its facts that were reached, and how many were not.
+    struct Needs {
+        double sum;
+        int missing;
+    };
 
     const Relaxation& relaxation_;
     std::vector<double> cost_;     ///< of each fact; infinite while it is unreachable
-    std::vector<double> passed_;   ///< the cost of each fact that its operators know
     std::vector<double> gap_;      ///< of each comparison: what the sum lacks
-    std::vector<int> queue_;       ///< facts whose operators are to be updated, a ring
-    std::vector<std::uint8_t> queued_;  ///< whether each fact is in it
-    std::vector<int> missing_;     ///< of each operator: facts that are unreachable
-    std::vector<double> sums_;     ///< of each operator: costs of the others
+    /// Heap of facts whose operators are to be updated, and their costs.
+    std::vector<std::pair<double, int>> queue_;
+    std::vector<Needs> first_, needs_;  ///< of each operator: where nothing is reached, and now
     std::vector<int> by_;          ///< of each fact: the operator that makes it true at its cost
     std::vector<int> open_;        ///< scratch: facts of a relaxed plan
     std::vector<double> paid_;     ///< of each operator: its cost in a relaxed plan
-    std::vector<int> its_operators_;  ///< scratch: operators of a relaxed plan
+    std::vector<int> its_operators_, plan_facts_;  ///< scratch: operators and facts of a relaxed plan
     std::int64_t updates_ = 0;
+    int forbidden_ = -1;           ///< a fact that nothing makes true
     std::size_t cheapest_ = 0;     ///< the way of the least cost
-    std::size_t start_ = 0, end_ = 0;  ///< of the ring
 };
 
 }  // namespace serp
