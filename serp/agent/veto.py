@@ -197,7 +197,12 @@ class VetoPolicy(Declared):
     def cut_off(self) -> None:
         """Note that the episode of the only environment goes on no further."""
         self.reliability.cut_off()
-        self._needed.clear()
+        self._end(0)
+
+    def _end(self, env_index: int) -> None:
+        """Note that the episode of an environment has ended."""
+        if needed := self._needed.pop(env_index, 0.0):
+            self.needed_risk = min(needed, self.needed_risk or needed)
 
     def observe(self, step: StepRecord) -> bool:
         """Return whether the lookahead failed in an env step of training.
@@ -211,8 +216,8 @@ class VetoPolicy(Declared):
         if needed := held_back(decision.forecast):
             self._needed[self.env_index] = max(needed, self._needed.get(self.env_index, 0.0))
             self.held_back += 1
-        if step.last and (needed := self._needed.pop(self.env_index, 0.0)):
-            self.needed_risk = min(needed, self.needed_risk or needed)
+        if step.last:
+            self._end(self.env_index)
         known = bool(self._actions.modelled[decision.action])
         safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
         return self.refuses and self.reliability.observe(
