@@ -42,7 +42,7 @@ def output(command, cwd):
 def built(tmp_path_factory):
     """A folder with the source distribution and the wheel that is built from it.
 
-    Nothing is optimised, which took a third of the time.
+    It is compiled without optimisation, which takes less time.
     """
     folder = tmp_path_factory.mktemp("dist")
     plain = "--config-setting=cmake.define.CMAKE_CXX_FLAGS_RELEASE=-O0"

@@ -172,7 +172,7 @@ class FarSightPlanner:
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
         least = np.inf if self._new_episode else self.goal_search.least
         self._new_episode, edges = False, 0
-        plan = self._plan()
+        plan = self._plan() if self.goal_search.goal else []
         if plan and (way := self.goal_search.way(state, _MENDED, plan)) is not None:
             forecast = self._beside(way, state)
             self._since, self._wait = 0, 0

@@ -131,7 +131,6 @@ private:
     bool is_state(int node) const {
         return std::equal(packed_.begin(), packed_.end(), state(node));
     }
-    Digest digest(const Digest* words) const;
     void pack(const double* row);
     void unpack(int node, double* row) const;
     int find(const double* row);
@@ -189,12 +188,6 @@ private:
     std::vector<Digest> packed_;        ///< [size] scratch memory
 };
 
-Digest WaySearch::digest(const Digest* words) const {
-    Digest digest = START;
-    for (std::size_t k = 0; k < size_; ++k) digest = mixed(digest, words[k]);
-    return finished(digest);
-}
-
 /// Packs a state: whether each fluent is not 0, then the bits of the numbers.
 void WaySearch::pack(const double* row) {
     for (std::size_t word = 0; word < bits_; ++word) {
@@ -216,7 +209,8 @@ int WaySearch::find(const double* row) {
     std::vector<double> source(row, row + width_);
     for (const auto fluent : inert_) source[fluent] = 0.0;
     pack(source.data());
-    return table_.find(digest(packed_.data()), [this](int other) { return is_state(other); });
+    return table_.find(digest_of_row(packed_.data(), size_),
+                       [this](int other) { return is_state(other); });
 }
 
 /// Makes a state the root: what it does not lead to is left out from now on. A tree that does not
@@ -261,8 +255,9 @@ bool WaySearch::add(double* row, int parent, int action) {
     const int node = nodes();
     pack(row);
     const int found = table_.find_or_add(
-        digest(packed_.data()), node, [this](int other) { return is_state(other); },
-        [this](int other) { return digest(state(other)); });
+        digest_of_row(packed_.data(), size_), node,
+        [this](int other) { return is_state(other); },
+        [this](int other) { return digest_of_row(state(other), size_); });
     work_ += 384 + width_;
     if (found != node) {
         if (cost_[found] == std::numeric_limits<float>::infinity()) return false;

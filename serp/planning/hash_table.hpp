@@ -24,15 +24,16 @@ inline Digest mixed(Digest digest, std::uint64_t bits) {
 
 /// Returns the bits of a number; -0.0 equals 0.0.
 inline std::uint64_t bits_of(double number) { return std::bit_cast<std::uint64_t>(number + 0.0); }
+inline std::uint64_t bits_of(std::uint64_t bits) { return bits; }
 
 /// Returns a digest all of whose bits depend on all that was mixed in.
 inline Digest finished(Digest digest) { return mixed(digest ^ (digest >> 32), 0); }
 
-/// Returns the digest of a row of numbers.
+/// Returns the digest of a row of numbers, or of words of bits.
 template <class Number>
-Digest digest_of_row(const Number* row, int width) {
+Digest digest_of_row(const Number* row, std::size_t width) {
     Digest digest = START;
-    for (int i = 0; i < width; ++i) digest = mixed(digest, bits_of(row[i]));
+    for (std::size_t i = 0; i < width; ++i) digest = mixed(digest, bits_of(row[i]));
     return finished(digest);
 }
 

@@ -256,7 +256,7 @@ Landmarks RelaxedCosts::landmarks(const double* state, std::int64_t& work) {
     if (cost == INFINITE || relaxation_.ways_.size() == 0) return found;
     std::vector<std::uint8_t> helpful(relaxation_.last_action() + 1);
     relaxed_plan(helpful);
-    for (const int fact : std::vector<int>(plan_facts_)) {
+    for (const int fact : plan_facts_) {  // an estimate leaves the relaxed plan as it is
         forbidden_ = fact;
         const bool needed = estimate(state).cost == INFINITE;
         work += updates_;
