@@ -95,10 +95,9 @@ copybutton_prompt_is_regexp = True
 
 def examples_as_code(app: Sphinx, ctx: click.Context, lines: list[str]) -> None:
     """Turn the examples below a command's options into a block of code."""
-    shown = [line.lstrip("| ") for line in lines if line.lstrip("| ").startswith("serp ")]
-    other = [line for line in lines if line.strip() and line.lstrip("| ") not in shown]
-    block = ["", ".. code-block:: sh", "", *(f"   {line}" for line in shown), ""] if shown else []
-    lines[:] = [*other[:1], *block, *other[1:]]
+    head, *shown = [line.lstrip("| ") for line in lines if line.strip()] or [""]
+    block = [".. code-block:: sh", "", *(f"   {line}" for line in shown)] if shown else []
+    lines[:] = [head, "", *block]
 
 
 def technical_report(app: Sphinx, error: Exception | None) -> None:

@@ -195,7 +195,7 @@ class ReplayBuffer:
         size = len(saved.array("action", np.int64, (-1,)))
         head = saved.whole("head", 0, capacity - 1)
         if size > capacity or (size < capacity and head != size):
-            raise saved.wrong(f"the head {head} does not fit {size} samples")
+            raise saved.wrong(f"head {head} contradicts {size} samples")
         last = self._action_count - 1
         bounds = {"discount": (0.0, 1.0), "action": (0, last), "imitated": (-1, last),
                   "allowed": (0, 255)}  # fmt: skip

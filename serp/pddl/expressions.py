@@ -105,7 +105,7 @@ def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
     operator = group.head
     if operator in x.MATH_FUNCTIONS and not scope.math:
         raise DomainError(
-            f"`{operator}` is not PDDL: it needs the requirement `{x.MATH_REQUIREMENT}`",
+            f"`{operator}` extends PDDL and requires `{x.MATH_REQUIREMENT}`",
             group.items[0].place,
             f"list `{x.MATH_REQUIREMENT}` under :requirements; other PDDL tools refuse it",
             code="math-functions",

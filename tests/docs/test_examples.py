@@ -32,7 +32,7 @@ def is_run(block):
 
 def commands(*found):
     """The words of the `serp` commands of blocks."""
-    lines = [line for block in found for line in block.text.splitlines()]
+    lines = [line for block in found for line in block.text.replace("\\\n", "").splitlines()]
     return [shlex.split(line, comments=True) for line in lines if line.startswith("serp ")]
 
 
@@ -103,15 +103,10 @@ def test_examples_import_only_public_names():
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_commands_and_options_that_are_shown_exist(page):
     root = click.Context(group)
-    lines = [
-        line
-        for block in blocks(page)
-        if block.language == "sh"
-        for line in block.text.splitlines()
-        if line.startswith("serp ")
-    ]
-    for line in [*lines, *re.findall(r"`(serp [^`…]+)`", prose(page))]:
-        words = shlex.split(line, comments=True)[1:]
+    shown = commands(*(block for block in blocks(page) if block.language == "sh"))
+    named = re.findall(r"`(serp [^`…]+)`", prose(page))
+    for words in [*shown, *(shlex.split(line, comments=True) for line in named)]:
+        words = words[1:]
         command = group.get_command(root, words[0])
         assert command is not None, words
         known = {option for parameter in command.get_params(root) for option in parameter.opts}

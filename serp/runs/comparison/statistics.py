@@ -61,8 +61,8 @@ MEASURES: Final = (
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
             "Return of the learner alone (greedy, without planner and vetoes), averaged over the "
-            "env steps of the budget; interpolated between evaluations. Until the first "
-            "evaluation, its value counts.",
+            "env steps of the budget; interpolated between evaluations. Before the first "
+            "evaluation, the value of the first one is used.",
             "higher", "returns", True),
     Measure("final_learner", "final learner alone",
             "Mean return of the learner alone (greedy, no planner, no veto) after training.",

@@ -228,4 +228,4 @@ def _write(recorded: Run, text: str, out: Path) -> None:
     beside, problem = problem_beside(out), recorded.domain.problem_source
     write_together({**({} if problem is None else {beside: problem.text}), out: text})
     if problem is not None:
-        say(f"The problem file is copied to {beside}")
+        say(f"Problem file copied to {beside}")

@@ -109,7 +109,7 @@ def write_changed(path: Path, text: str) -> None:
     write_durably(target, mark + text.encode())
 
 
-@command("serp lsp", "pip install 'serp[lsp]'")
+@command("pip install 'serp[lsp]'", "serp lsp")
 def lsp() -> None:
     """Serve an editor over the Language Server Protocol.
 
