@@ -320,9 +320,8 @@ def refusal_of(run: Run, step: StoredStep) -> Callable[[Forecast], int] | None:
     return lambda forecast: int(not vetoes.admissible(actions.project(forecast))[ground])
 
 
-def heading(account: StepAccount) -> str:
+def heading(of: StoredStep) -> str:
     """Return which step it is: `step 1,204 (step 36 of episode 12)`."""
-    of = account.step
     return f"step {of.step:,} (step {of.number - 1:,} of episode {of.episode:,})"
 
 

@@ -84,7 +84,7 @@ def _print_step(run: Run, account: StepAccount, because: str) -> None:
     from serp.ui.account import print_explanation
 
     because = f": {because}" if because else ""
-    show(f"{run.domain.name}, {heading(account)}{because}", style="bold")
+    show(f"{run.domain.name}, {heading(account.step)}{because}", style="bold")
     file = run.domain.source.name
     show(f"Steps are numbered from 0, episodes from 1. Lines refer to {file}.", style="dim")
     for line in [*who_acted(account), ""]:

@@ -14,6 +14,7 @@ from serp.model.domain import Domain, problem_beside
 from serp.pddl.source import Source
 from serp.runs.run import Run
 from serp.runs.run_config import CONFIG
+from serp.runs.step_account import heading
 from serp.settings import Settings, resolve
 from serp.tasks.registry import find_domain_file, load_task, task_like
 from serp.tasks.task import Task
@@ -44,6 +45,7 @@ class Session:
         self.surroundings = surroundings
         self.task = task
         self.values: Values = {}
+        self._chosen: Values = {}
         self.origin = "all fluents 0 or false" if problem is None else _INITIAL
         self.played: ShownEpisode | None = None
         self.step: int | None = None
@@ -98,19 +100,21 @@ class Session:
 
     def show_initial(self) -> None:
         """Show the decision in the initial state of the problem; numbers it leaves out are 0."""
-        self.values, self.origin, self.step = {}, _INITIAL, None
+        self.values = self._chosen = {}
+        self.origin, self.step = _INITIAL, None
 
     def show_recorded(self, run: Run, number: int) -> None:
         """Show the decision in a step that a run recorded, from 0, or raise a RunError."""
         step = run.recording().step(number)
-        self.values, self.step = run.domain.model.values(step.state), None
-        self.origin = f"step {number:,} of {run.path.name}, step {step.number} of its episode"
+        self.values = self._chosen = run.domain.model.values(step.state)
+        self.origin, self.step = f"{run.path.name}, {heading(step)}", None
 
     def show_step(self, number: int) -> None:
         """Show the decision in a step of the episode, from 0."""
         assert self.played is not None
         steps = self.played.steps
-        self.values, self.step = steps[number].values, number
+        self.values = self._chosen = steps[number].values
+        self.step = number
         self.origin = f"{self.played.name}, step {number} of {len(steps) - 1}"
 
     @property
@@ -119,11 +123,9 @@ class Session:
         return self.task is not None and self.played is None and not self.values
 
     @property
-    def as_played(self) -> bool:
-        """Whether the state is that of the step, with no fluent changed by hand."""
-        if self.played is None or self.step is None:
-            return False
-        return self.values == self.played.steps[self.step].values
+    def by_hand(self) -> bool:
+        """Whether a fluent of the chosen state was changed by hand."""
+        return self.values != self._chosen
 
     def take(self, played: ShownEpisode) -> None:
         """Take over an episode, and show the first of its steps with something to decide."""

@@ -161,24 +161,20 @@ class ScenePane:
     def show(self, view: View) -> None:
         """Show where the state comes from, and its pictures."""
         session, played = self._session, self._session.played
-        as_played = session.as_played
+        by_hand = session.by_hand
         step = None if session.step is None or played is None else played.steps[session.step]
-        origin = session.origin
-        if as_played and step is not None and step.action:
-            origin += f", {step.action}"
-        elif session.values and not as_played:
-            origin += ", changed by hand"
-        self._origin.set_text(origin)
+        action = f", {step.action}" if step is not None and step.action else ""
+        self._origin.set_text(session.origin + (", changed by hand" if by_hand else action))
         if view.decision is not None:  # else the last one stays, as the decision does
             self._drawing.set_content(_figure(view.drawing, "drawn from the fluents"))
         picture = ""
         if step is not None and step.picture:
             caption = "the environment at this step"
-            caption += "" if as_played else "; the fluents have been changed since"
+            caption += "; the fluents have been changed since" if by_hand else ""
             picture = _figure(f'<img src="{step.picture}" alt="{caption}">', caption)
         self._picture.set_content(picture)
         self._picture.classes(
-            add="" if as_played else "serp-stale", remove="serp-stale" if as_played else ""
+            add="serp-stale" if by_hand else "", remove="" if by_hand else "serp-stale"
         )
 
 

@@ -195,6 +195,6 @@ def test_a_run_is_opened_with_its_copy_of_the_file(tmp_path):
     at_step = open_session(str(run.path), tmp_path, step=7)
     recorded = run.recording().step(7)
     assert at_step.values == run.domain.model.values(recorded.state) and "step 7" in at_step.origin
-    assert not at_step.begins_with_episode
+    assert not at_step.begins_with_episode and not at_step.by_hand
     with pytest.raises(SerpError, match="a step of a run"):
         open_session(str(run.path / "domain.pddl"), tmp_path, step=7)
