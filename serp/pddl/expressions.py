@@ -83,7 +83,11 @@ def _expression(node: Node, scope: Scope) -> x.Expression:
             )
         if slip := slips.in_word(node):
             raise slip
-        raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
+        raise DomainError(
+            f"expected a number or `(...)`, found `{node.text}`",
+            node.place,
+            f"a function needs parentheses: `({node.text})`",
+        )
     if scope.calculates(node.head):
         return _arithmetic(node, scope)
     if node.head == TOTAL_TIME:

@@ -135,15 +135,12 @@ def read_metadata(folder: Path) -> tuple[dict[str, Any], RunConfig]:
         raise RunError(f"{folder} is a file; give the folder of a run.")
     within = folder if os.path.isdir(folder) else folder.parent
     runs = sorted(str(each.parent) for each in within.glob(f"*/{CONFIG}"))
-    there = f" Existing runs: {listed(runs)}." if runs else ""
+    there = f" Existing runs: {listed(runs)}." if runs else " serp plan-and-learn writes one."
     if within != folder:
-        raise RunError(f"there is no folder {folder}.{there}")
+        raise RunError(f"there is no run {folder}.{there}")
     file = folder / CONFIG
     if not os.path.isfile(file):
-        raise RunError(
-            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn "
-            f"wrote.{there}"
-        )
+        raise RunError(f"{folder} is not a run: it has no {CONFIG}.{there}")
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")
     if version != FORMAT:

@@ -121,7 +121,8 @@ def attribute_of(module: ModuleType, attribute: str, option: str) -> Any:
     value: Any = module
     for part in attribute.split("."):
         if not hasattr(value, part):
-            names = [name for name in dir(value) if not name.startswith("_")]
+            public = (name for name in dir(value) if not name.startswith("_"))
+            names = [name for name in public if callable(getattr(value, name))]
             raise TaskError(
                 f"{option}: {module.__file__} has no `{attribute}`; {did_you_mean(part, names)}"
             )

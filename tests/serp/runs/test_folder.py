@@ -95,7 +95,7 @@ def test_what_is_no_run_is_refused(tmp_path, content, message):
     with pytest.raises(RunError, match=message):
         Run(tmp_path)
     assert set(os.listdir(tmp_path)) <= {"config.json"}
-    with pytest.raises(RunError, match="there is no folder"):
+    with pytest.raises(RunError, match="there is no run"):
         Run(tmp_path / "gone")
 
 
