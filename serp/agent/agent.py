@@ -75,12 +75,7 @@ class Agent:
     """
 
     def __init__(
-        self,
-        task: BoundTask,
-        settings: Settings,
-        seed: int,
-        *,
-        baseline: bool = False,
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
     ) -> None:
         self.task = task
         self.settings = settings
@@ -141,10 +136,7 @@ class Agent:
         return self.arbiter.strategy
 
     def perceive(
-        self,
-        raw: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
+        self, raw: Any, info: Mapping[str, Any] | None = None, env: gym.Env[Any, Any] | None = None
     ) -> tuple[Vector, Vector]:
         """Return the state `[F]` and the learner's input for an observation of the environment.
 

@@ -10,12 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.runs.tables import (
-    METRICS_COLUMNS,
-    MetricsRow,
-    Table,
-    read_metrics,
-)
+from serp.runs.tables import METRICS_COLUMNS, MetricsRow, Table, read_metrics
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
