@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from serp._util.text import measured, plain
@@ -218,11 +218,11 @@ class _Writer:
     def _assignment(self, missing: MissingEffect) -> x.ChangeFunction | None:
         """Return the assignment of the fluent in the action, if there is one."""
         for schema in self._syntax.schemas:
-            for effect in _changes(schema.effects) if schema.name == missing.schema else ():
-                arguments = (term.name for term in effect.function.arguments)
-                name = " ".join((effect.function.name, *arguments))
-                if effect.change is x.Change.ASSIGN and name == missing.fluent:
-                    return effect
+            for node in x.nodes_in(schema.effects) if schema.name == missing.schema else ():
+                if isinstance(node, x.ChangeFunction) and node.change is x.Change.ASSIGN:
+                    terms = (node.function.name, *(term.name for term in node.function.arguments))
+                    if " ".join(terms) == missing.fluent:
+                        return node
         return None
 
     def _into_assignment(
@@ -339,15 +339,6 @@ def _share(probability: float, error: float) -> str:
     """Return a probability as the file has it, with two to four decimals, rounded down."""
     digits = 2 if error > 0.005 and probability >= 0.01 else 4
     return f"{math.floor(probability * 10**digits) / 10**digits:g}"
-
-
-def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
-    """Yield the numeric effects, those under `when` and `forall` too."""
-    for effect in effects:
-        if isinstance(effect, x.ChangeFunction):
-            yield effect
-        elif isinstance(effect, x.When | x.ForallEffect):
-            yield from _changes(effect.effects)
 
 
 def _declared(parameter: x.SchemaParameter) -> str:
