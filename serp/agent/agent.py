@@ -201,10 +201,6 @@ class Agent:
         """Decide as the trained agent does: by its strategy, without exploration."""
         return self.arbiter.decide_greedily(state, LearnerProposer(self.learner, x))
 
-    def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
-        """Decide for the learner's greedy choice, without planner and veto."""
-        return self.arbiter.execute(state, self.learner.propose_greedily(x))
-
     def observe(self, step: StepRecord, episode: int = 0) -> None:
         """Update vetoes and model with an env step of training; notify when vetoes see less far.
 

@@ -352,14 +352,8 @@ def add_situation(
     from.
     """
     newline = newline_of(source.text)
-    written = newline.join(
-        [
-            f"scenario {title}",
-            f"  ; {remark}",
-            *_situation(values, decider),
-            *_expected(values, decider, title),
-        ]
-    )
+    lines = [f"scenario {title}", f"  ; {remark}", *_situation(values, decider)]
+    written = newline.join([*lines, *_expected(values, decider, title)])
     for scenario in read_scenarios(source, decider.domain, decider.model):
         if scenario.title.lower() == title.lower():
             begin = source.line_starts[scenario.place.line - 1]
