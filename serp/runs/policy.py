@@ -26,6 +26,7 @@ from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
+from serp.learning.onnx_export import network_as_onnx
 from serp.runs.checkpoint import CHECKPOINT, as_bytes
 from serp.runs.evaluation import play
 from serp.runs.folder import make_empty, refuse_occupied
@@ -92,7 +93,7 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
     }
     files |= {CONFIG: config.encode(), CHECKPOINT: as_bytes(arrays, whole)}
     if type(agent.learner) is DQN and find_spec("onnx") is not None:
-        files[NETWORK] = agent.learner.as_onnx()
+        files[NETWORK] = network_as_onnx(agent.learner.learning.online)
     make_empty(folder)
     write_together({folder / name: content for name, content in files.items()})
     return folder
