@@ -54,7 +54,7 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
     read |= x.names_in(problem.goal, problem.metric) if problem else set()
     for _, effect in _changes(subject):
         read |= x.names_in(effect.value) - {effect.function.name}
-    changed = x.changed_names(syntax.schemas) | syntax.derived
+    changed = x.changed_names(*(s.effects for s in syntax.schemas)) | syntax.derived
     if problem is None and x.REWARD not in syntax.declarations:
         read |= changed
     for name, declaration in syntax.declarations.items():

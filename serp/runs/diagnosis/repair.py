@@ -124,14 +124,14 @@ class _Writer:
         """
         schema = next(s for s in self._syntax.schemas if s.place == finding.place)
         symbols = finding.symbols
-        own = [effect for effect in schema.effects if _targets(effect) & symbols]
+        own = [effect for effect in schema.effects if x.changed_names(effect) & symbols]
         edited = {finding.place.start for finding in self._findings.parameters}
         written = sum(outcome.probability for outcome in finding.outcomes if outcome.written)
         outcomes = self._outcomes(finding, {parameter.name for parameter in schema.parameters})
         if (
             outcomes is None
             or not own
-            or not all(_targets(effect) <= symbols for effect in own)
+            or not all(x.changed_names(effect) <= symbols for effect in own)
             or any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects))
             or any(e.place.start <= at < e.place.end for e in own for at in edited)
             or schema.name in {missing.schema for missing in self._findings.missing}
@@ -323,16 +323,6 @@ class _Writer:
             f"{self._newline}{self._comment(evidence, indent)}{indent}{effect}"
             for evidence, effect in effects
         )
-
-
-def _targets(effect: x.Effect) -> set[str]:
-    """Return the predicates and functions that an effect changes."""
-    changed = x.nodes_in(effect)
-    return {
-        node.atom.name if isinstance(node, x.SetPredicate) else node.function.name
-        for node in changed
-        if isinstance(node, x.SetPredicate | x.ChangeFunction)
-    }
 
 
 def _share(probability: float, error: float) -> str:
