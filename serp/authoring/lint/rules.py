@@ -74,10 +74,7 @@ def _unused_parameter(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
     for _, schema, effects in subject.schemas:
         for form in (schema, *x.nodes_in(schema.precondition), *effects):
-            if (
-                not isinstance(form, x.Schema | x.Quantified | x.ForallEffect)
-                or not form.parameters
-            ):
+            if not isinstance(form, x.Schema | x.Quantified | x.ForallEffect):
                 continue
             head = form.operator if isinstance(form, x.Quantified) else "forall"
             if form is schema:

@@ -200,10 +200,8 @@ class _Checker:
 
     @functools.cached_property
     def _planner(self) -> ChosenPlanner:
-        planner, seconds = self._decider.arbiter.planner, 5.0
-        return ChosenPlanner(
-            planner, self._decider.model, self._decider.settings, "", seconds=seconds
-        )
+        of = self._decider
+        return ChosenPlanner(of.arbiter.planner, of.model, of.settings, "", seconds=5.0)
 
     @functools.cached_property
     def _alternatives(self) -> Sequence[Alternative]:
