@@ -306,9 +306,13 @@ def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:
     return value.items()
 
 
+ABOUT_PRESETS: Final = {
+    "default": "the settings that give the best results",
+    "paper": "Algorithm 1 and section 4 of the paper to the letter",
+}
 PRESETS: Final[Mapping[str, Changes]] = {
-    # Algorithm 1 and section 4 of the paper. Where the paper leaves a choice open, the simplest
-    # one: vetoes by the next step, no filter, no target network.
+    # Where the paper leaves a choice open, the simplest one: vetoes by the next step, no filter, no
+    # target network.
     "paper": {
         "planner": {"discount": 0.9},
         "arbiter": {"rho": 0.0, "rho_increment": 0.01, "veto_horizon": "step"},
@@ -323,7 +327,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
         },
         "training": {"random_steps": 500},
     },
-    # The best known choices.
     "default": {
         "planner": {"name": "far-sight"},
         "adaptation": {"mode": "full"},

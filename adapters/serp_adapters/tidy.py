@@ -17,7 +17,7 @@ from serp_adapters.domains import domain_file
 if find_spec("mujoco") is None:
     raise MissingExtra("the tidying robot (`tidy`)", "mujoco")
 
-from serp_envs.tidy import MACROS, OBSERVED, PLACES, TABLE, THINGS, Pose, stands_at
+from serp_envs.tidy import MACROS, OBSERVED, PLACES, THINGS, Pose, lies_on_table, stands_at
 
 Numbers = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     at = {place: stands_at(place, x, y, *heading) for place in PLACES}
     on_table, ahead = [], []
     for name in THINGS:
-        rests = (number[f"z {name}"] > TABLE) & (number[f"x {name}"] < -2.15)
+        rests = lies_on_table(*(number[f"{axis} {name}"] for axis in "xyz"))
         on_table.append(rests & (number[f"held {name}"] < 0.5))
         ahead.append(at["table"] & on_table[-1] & (abs(number[f"y {name}"] - y) < 0.05))
     columns = [

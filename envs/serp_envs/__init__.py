@@ -57,10 +57,7 @@ _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
         "max_episode_steps": 200,
         "reward_threshold": swing_up.SOLVED,
     },
-    "serp/TidyRoom-v0": {
-        "entry_point": "serp_envs.tidy:TidyRoom",
-        "max_episode_steps": 80,
-    },
+    "serp/TidyRoom-v0": {"entry_point": "serp_envs.tidy:TidyRoom", "max_episode_steps": 80},
     # These end their episodes by themselves.
     "serp/SoccerDefender-v0": {"entry_point": "serp_envs.soccer:SoccerDefender"},
     "serp/CornerKick-v0": {"entry_point": "serp_envs.soccer:CornerKickDefender"},

@@ -89,11 +89,7 @@ class MacroActions(gym.Wrapper[Any, Any, Any, Any]):
         ValueError: There are no options.
     """
 
-    def __init__(
-        self,
-        env: gym.Env[Any, Any],
-        options: Mapping[str, Option[Any, Any]],
-    ) -> None:
+    def __init__(self, env: gym.Env[Any, Any], options: Mapping[str, Option[Any, Any]]) -> None:
         super().__init__(env)
         if not options:
             raise ValueError("MacroActions needs at least one option")

@@ -149,10 +149,7 @@ class SwingUp(DrawnEnv):
         axis = (WIDTH // 2, HEIGHT // 2)
         reach = 0.4 * HEIGHT
         angle = self.motion.angle
-        end = (
-            round(axis[0] + reach * math.sin(angle)),
-            round(axis[1] - reach * math.cos(angle)),
-        )
+        end = (round(axis[0] + reach * math.sin(angle)), round(axis[1] - reach * math.cos(angle)))
         pygame.draw.line(surface, INK, axis, end, 6)
         pygame.draw.circle(surface, BODY, end, 20)
         pygame.draw.circle(surface, INK, axis, 6)

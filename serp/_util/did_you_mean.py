@@ -16,11 +16,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def closest(word: str, known: Iterable[str]) -> str | None:
     """Return the known word most like another one, at best its parts in another order, or None."""
-    names = {name.casefold(): name for name in sorted(set(known), reverse=True)}
+    names = {name.casefold(): name for name in sorted(known)}
     word = word.casefold()
     parts = sorted(word.split("-"))
-    turned = [name for name in sorted(names) if sorted(name.split("-")) == parts]
-    close = turned or difflib.get_close_matches(word, sorted(names), n=1, cutoff=0.6)
+    turned = [name for name in names if sorted(name.split("-")) == parts]
+    close = turned or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     return names[close[0]] if close else None
 
 

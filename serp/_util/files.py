@@ -245,7 +245,7 @@ def json_text(value: object) -> str:
 
 
 def finite(value: Any) -> Any:
-    """Return a value with null for NaN and the infinities, which JSON does not have."""
+    """Return JSON values, with null for NaN and the infinities, which JSON does not have."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):

@@ -75,12 +75,7 @@ class Agent:
     """
 
     def __init__(
-        self,
-        task: BoundTask,
-        settings: Settings,
-        seed: int,
-        *,
-        baseline: bool = False,
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
     ) -> None:
         self.task = task
         self.settings = settings
@@ -141,10 +136,7 @@ class Agent:
         return self.arbiter.strategy
 
     def perceive(
-        self,
-        raw: Any,
-        info: Mapping[str, Any] | None = None,
-        env: gym.Env[Any, Any] | None = None,
+        self, raw: Any, info: Mapping[str, Any] | None = None, env: gym.Env[Any, Any] | None = None
     ) -> tuple[Vector, Vector]:
         """Return the state `[F]` and the learner's input for an observation of the environment.
 
@@ -208,10 +200,6 @@ class Agent:
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
         return self.arbiter.decide_greedily(state, LearnerProposer(self.learner, x))
-
-    def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
-        """Decide for the learner's greedy choice, without planner and veto."""
-        return self.arbiter.execute(state, self.learner.propose_greedily(x))
 
     def observe(self, step: StepRecord, episode: int = 0) -> None:
         """Update vetoes and model with an env step of training; notify when vetoes see less far.

@@ -136,11 +136,7 @@ def causes_of(
 
 
 def causes_passed(
-    model: TransitionModel,
-    state: Vector,
-    passages: Sequence[Passage],
-    flags: int,
-    out: list[float],
+    model: TransitionModel, state: Vector, passages: Sequence[Passage], flags: int, out: list[float]
 ) -> list[Cause]:
     """Return what is behind a step that was traced, see `TransitionModel.traced`."""
     return list(_Tracing(model, state.tolist(), passages).causes(flags, out[:-1], out[-1]))

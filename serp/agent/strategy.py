@@ -144,7 +144,7 @@ class Strategy(Declared):
 
     @property
     def rho(self) -> float:
-        """The probability that the learner makes the next proposal."""
+        """The probability that the learner makes the next proposal; NaN if none is drawn."""
         return 1.0
 
     @property

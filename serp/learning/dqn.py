@@ -22,7 +22,6 @@ from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.gradient_updates import QLearning
-from serp.learning.onnx_export import network_as_onnx
 from serp.learning.replay import ReplayBuffer
 from serp.settings import LearnerSettings
 
@@ -162,10 +161,6 @@ class DQN:
             return None
         given = self.replay, self.imitation_weight, self.env_steps
         return sum(self.learning.learn(*given) for _ in range(updates)) / updates
-
-    def as_onnx(self) -> bytes:
-        """Return the network as ONNX; see `network_as_onnx`."""
-        return network_as_onnx(self.learning.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays and plain JSON values.

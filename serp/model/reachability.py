@@ -76,7 +76,7 @@ class Facts:
         self._members: dict[Sequence[str], Collection[str]] = {}
         self._names: dict[int, tuple[object, list[str]]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
-        self.changed = x.changed_names(domain.schemas)
+        self.changed = x.changed_names(*(schema.effects for schema in domain.schemas))
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
         declared = domain.declarations.values()
         if self.closed:

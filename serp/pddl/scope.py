@@ -30,7 +30,7 @@ INSTEAD = {
             "timed :timed-initial-literals :timed-initial-fluents :timed-effects"
         ),
         "give the likeliest value; in a task, the environment gives the real one": (
-            "unknown oneof probabilistic :contingent :partial-observability :unknown"
+            "unknown :contingent :partial-observability :unknown"
         ),
         "write `- number`, or a predicate with an additional parameter": ":object-fluents",
         "write actions only; the planner chooses among them": (

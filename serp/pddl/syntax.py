@@ -384,9 +384,9 @@ def names_in(*parts: object) -> set[str]:
     return {node.name for node in nodes_in(*parts) if isinstance(node, Atom | FunctionTerm)}
 
 
-def changed_names(schemas: tuple[Schema, ...]) -> set[str]:
+def changed_names(*effects: object) -> set[str]:
     """Return the predicates and functions that effects change."""
-    changes = [node for schema in schemas for node in nodes_in(schema.effects)]
+    changes = [*nodes_in(*effects)]
     return {
         *(node.atom.name for node in changes if isinstance(node, SetPredicate)),
         *(node.function.name for node in changes if isinstance(node, ChangeFunction)),

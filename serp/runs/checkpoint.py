@@ -40,7 +40,12 @@ class Checkpoint(NamedTuple):
 
 
 def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically and durably, in place of an existing one.
+    """Write a checkpoint atomically and durably, in place of an existing one; see `as_bytes`."""
+    write_durably(path, as_bytes(arrays, meta))
+
+
+def as_bytes(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
+    """Return the content of a checkpoint's file.
 
     Arrays may have any shape (also 0-d and empty), JSON values may be NumPy scalars.
     """
@@ -48,7 +53,7 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
     plain = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     text = json.dumps(meta, default=as_json)
     entry = {"format": FORMAT, "sha256": _digest(plain, text), "meta": text}
-    write_durably(path, safetensors.numpy.save(plain, {"serp": json.dumps(entry)}))
+    return safetensors.numpy.save(plain, {"serp": json.dumps(entry)})
 
 
 def load(path: Path) -> Checkpoint:

@@ -204,5 +204,5 @@ def _decisions(agent: Agent, policy: Policy) -> Decide:
     if policy == "serp":
         return agent.decide_greedily
     if policy == "learner":
-        return agent.decide_as_baseline
+        return lambda state, x: agent.arbiter.execute(state, agent.learner.propose_greedily(x))
     return lambda state, x: agent.arbiter.plan(state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import matplotlib.style
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
@@ -52,14 +53,15 @@ def _draw_shares(axes: Axes, metrics: Metrics) -> None:
     shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
     colors = [ACTORS[actor] for actor in shown]
     axes.stackplot(centres, *shown.values(), labels=shown, colors=colors, alpha=0.75, linewidth=0)
-    # At 0 and 1 the frame would clip half of the line.
-    axes.plot(
-        metrics["env_steps"], metrics["rho"], color=INK, linewidth=1.8, clip_on=False, label="ρ"
-    )
+    says = "areas: who decided"
+    if np.isfinite(rho := metrics["rho"]).any():
+        # At 0 and 1 the frame would clip half of the line.
+        axes.plot(metrics["env_steps"], rho, color=INK, linewidth=1.8, clip_on=False, label="ρ")
+        says += " · line: ρ, the probability that the learner is asked"
     legend(axes)
     axes.set_ylim(0, 1)
     axes.set_ylabel("share of decisions")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.yaxis.set_major_locator(MaxNLocator(2))
     axes.grid(False)
-    caption(axes, "areas: who decided · line: ρ, the probability that the learner is asked")
+    caption(axes, says)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import itertools
+import json
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,16 +20,17 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp._util.files import json_text, write_durably
+from serp._util.files import json_text, read_regular, write_together
 from serp._util.saved_state import Saved
 from serp.agent.agent import Agent
 from serp.agent.decision import Decision
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import DQN
-from serp.runs import checkpoint
+from serp.learning.onnx_export import network_as_onnx
+from serp.runs.checkpoint import CHECKPOINT, as_bytes
 from serp.runs.evaluation import play
 from serp.runs.folder import make_empty, refuse_occupied
-from serp.runs.run import Run, load_run
+from serp.runs.run import Run, digests, load_run
 from serp.runs.run_config import CONFIG
 from serp.tasks.environment import BoundTask
 from serp.tasks.file_world import WorldOptions
@@ -81,20 +83,19 @@ def export_policy(run: Run | str | Path, folder: str | Path) -> Path:
         "actions": [task.actions.name(action) for action in range(task.actions.size)],
         "ground_actions": task.actions.groups,
     }
-    make_empty(folder)
-    for file in run.copies():
-        write_durably(folder / file.name, file.read_bytes())
-    config = {**run.config, "policy": about}
-    write_durably(folder / CONFIG, json_text({**run.metadata, "config": config}))
-    if type(agent.learner) is DQN and find_spec("onnx") is not None:
-        write_durably(folder / NETWORK, agent.learner.as_onnx())
+    files = {file.name: read_regular(file) for file in run.copies()}
+    config = json_text({**run.metadata, "config": {**run.config, "policy": about}})
     whole = {
         "agent": meta,
         "env_steps": run.env_steps,
         "environments": run.checkpoint.meta["environments"],
-        "made_of": Run(folder).digests(),
+        "made_of": digests(json.loads(config)["config"], files),
     }
-    checkpoint.save(folder / checkpoint.CHECKPOINT, arrays, whole)
+    files |= {CONFIG: config.encode(), CHECKPOINT: as_bytes(arrays, whole)}
+    if type(agent.learner) is DQN and find_spec("onnx") is not None:
+        files[NETWORK] = network_as_onnx(agent.learner.learning.online)
+    make_empty(folder)
+    write_together({folder / name: content for name, content in files.items()})
     return folder
 
 

@@ -69,6 +69,13 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
     return run
 
 
+def digests(config: Mapping[str, Any], files: Mapping[str, bytes]) -> dict[str, str]:
+    """Return digests of a run's domain files and of its configuration except the budget."""
+    kept = {name: value for name, value in config.items() if name != "budget"}
+    contents = {CONFIG: json.dumps(kept, sort_keys=True).encode(), **files}
+    return {name: hashlib.sha256(content).hexdigest() for name, content in contents.items()}
+
+
 class Run(Closing):
     """A run on the disk. Only acting in its environment needs the task that it was trained on.
 
@@ -238,12 +245,8 @@ class Run(Closing):
         )  # fmt: skip
 
     def digests(self) -> dict[str, str]:
-        """Return digests of the domain files and of the configuration except the budget."""
-        config = {name: value for name, value in self.config.items() if name != "budget"}
-        made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-        for file in self.copies():
-            made[file.name] = read_regular(file)
-        return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
+        """Return the digests of its files; see the function."""
+        return digests(self.config, {file.name: read_regular(file) for file in self.copies()})
 
     @property
     def has_checkpoint(self) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from serp._util.numbers import real
 from serp.agent.step_record import SAFETY, STEPS_BY, sight_of, total
 
 FIRST = 10  # episodes at the beginning of a run
@@ -116,7 +117,7 @@ def summarize(
         "shares": {
             actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
         },
-        "final_rho": float(metrics["rho"][-1]) if episodes else None,
+        "final_rho": real(metrics["rho"][-1]) if episodes else None,
         "sight": sight_of(counts, steps),
         **(account or {}),
     }

@@ -1,8 +1,9 @@
 """Append-only CSV tables: rows are collected in the step loop and formatted when flushed.
 
 UTF-8, commas, a header line, one line per row. Floats are written so that they are read back
-exactly; booleans as 0 and 1; None as an empty cell. Line breaks in text become blanks, so that each
-line is a row and a truncated file only loses its last line. A failure of the disk is a `RunError`.
+exactly; booleans as 0 and 1; None and NaN as an empty cell. Line breaks in text become blanks, so
+that each line is a row and a truncated file only loses its last line. A failure of the disk is a
+`RunError`.
 """
 
 from __future__ import annotations
@@ -209,7 +210,7 @@ def _cell(value: Any) -> str | float | None:
     if isinstance(value, bool):
         return int(value)
     if value is None or isinstance(value, int | float):
-        return value
+        return value if value == value else None
     text = str(value)
     return " ".join(text.splitlines()) if "\n" in text or "\r" in text else text
 

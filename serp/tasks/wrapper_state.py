@@ -18,6 +18,7 @@ from typing import Any, Final, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from serp._util.files import finite
 from serp._util.saved_state import state_for
 
 _STATISTICS: Final = ("mean", "var", "count")
@@ -71,7 +72,7 @@ class _Part(NamedTuple):
 
     def save(self) -> dict[str, Any]:
         if self.kind == "generator":
-            return {"state": _as_lists(self.value.bit_generator.state)}
+            return {"state": finite(self.value.bit_generator.state)}  # some kinds hold arrays
         if self.kind == "statistics":
             return {name: _array(getattr(self.value, name)) for name in _STATISTICS}
         return {"array": _array(self.value)}
@@ -139,10 +140,3 @@ def _is_statistics(value: Any) -> bool:
 def _array(value: Any) -> dict[str, Any]:
     array = np.asarray(value)
     return {"dtype": array.dtype.str, "shape": list(array.shape), "values": array.ravel().tolist()}
-
-
-def _as_lists(state: Any) -> Any:
-    """Return a generator's state as JSON values; some kinds hold arrays."""
-    if isinstance(state, Mapping):
-        return {name: _as_lists(value) for name, value in state.items()}
-    return state.tolist() if isinstance(state, np.ndarray | np.generic) else state

@@ -37,12 +37,9 @@ _SETTINGS = f"{__name__}.settings"
 _TRUSTED = "tasks.json"
 
 
-def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    ctx.meta[_TASK] = value
-
-
 own_task_option = click.option(
-    "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
+    "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False,
+    callback=lambda ctx, parameter, value: ctx.meta.update({_TASK: value}),
     help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
          "returns a serp.Task. Commands that need no environment ignore this option.")  # fmt: skip
 
@@ -232,7 +229,7 @@ def asked_task(domain: str | None) -> Task:
     file = find_domain_file(domain)
     if file is None:
         raise SerpError(f"--domain {domain}: with --task, this must be a domain file, not a task")
-    return dataclasses.replace(task, domain=file, problem=None)
+    return with_domain(task, file)
 
 
 def asked_domain(name: str | None, problem: Path | None = None) -> tuple[Domain, Task | None]:
@@ -263,7 +260,7 @@ def _given(domain: str | None) -> str:
     return domain
 
 
-def with_domain(task: Task, domain: Domain) -> Task:
+def with_domain(task: Task, domain: Domain | Path) -> Task:
     """Return a task with a domain in place of its own."""
     return dataclasses.replace(task, domain=domain, problem=None)
 

@@ -128,31 +128,17 @@ def _discard_output() -> None:
 
 SECTIONS = {
     "Your domain file": {
-        "new": "files",
-        "check": "check",
-        "format": "files",
-        "lsp": "files",
-        "plan": "plan",
-        "play": "play",
-        "test": "test",
-        "studio": "files",
+        "new": "files", "check": "check", "format": "files", "lsp": "files", "plan": "plan",
+        "play": "play", "test": "test", "studio": "files",
     },
     "Training": {
-        "plan-and-learn": "plan_and_learn",
-        "compare": "trials",
-        "tune": "trials",
-        "list": "list",
+        "plan-and-learn": "plan_and_learn", "compare": "trials", "tune": "trials", "list": "list",
     },
     "After training": {
-        "why": "trained",
-        "report": "trained",
-        "evaluate": "trained",
-        "watch": "trained",
-        "diagnose": "diagnosis",
-        "repair": "diagnosis",
-        "export": "trained",
+        "why": "trained", "report": "trained", "evaluate": "trained", "watch": "trained",
+        "diagnose": "diagnosis", "repair": "diagnosis", "export": "trained",
     },
-}
+}  # fmt: skip
 """Section of the help → command, in the order of use → its module in `serp.ui.commands`."""
 COMMANDS = {name: module for section in SECTIONS.values() for name, module in section.items()}
 """Command → its module."""

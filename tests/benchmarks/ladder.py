@@ -176,18 +176,30 @@ class Over(Exception):
     """Ends a training in the middle of an episode."""
 
 
-def worth(env: Any, agent: Any, decide: Callable[[Any, Any], int], episodes: int) -> float:
-    """Return the mean return of a policy; its episodes are always the same ones."""
-    total = 0.0
-    for episode in range(episodes):
-        (raw, info), over = env.reset(seed=1_000_000 + episode), False
+class Played(NamedTuple):
+    """An episode: its return, its steps that came out unsafe, whether the environment ended it."""
+
+    return_: float
+    unsafe: int
+    terminated: bool
+
+
+def played(
+    env: Any, agent: Any, first: int, episodes: int, decide: Callable[[Any, Any], int] | None = None
+) -> list[Played]:
+    """Return episodes of a policy, that of the agent by default, with the seeds from `first` on."""
+    decide = decide or (lambda state, x: int(agent.decide_greedily(state, x).action))
+    rows = []
+    for seed in range(first, first + episodes):
+        (raw, info), over, total, unsafe = env.reset(seed=seed), False, 0.0, 0
         agent.arbiter.begin_episode()
         while not over:
-            raw, reward, terminated, truncated, info = env.step(
-                decide(*agent.perceive(raw, info, env.env))
-            )
+            action = decide(*agent.perceive(raw, info, env.env))
+            raw, reward, terminated, truncated, info = env.step(action)
             total, over = total + reward, terminated or truncated
-    return float(total / episodes)
+            unsafe += bool(info.get("unsafe"))
+        rows.append(Played(total, unsafe, terminated))
+    return rows
 
 
 def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
@@ -210,9 +222,9 @@ def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
             spent, decisions = spent + time.process_time() - start, decisions + 1
             return int(action)
 
-        policies: dict[str, Callable[[Any, Any], int]] = {
+        policies: dict[str, Callable[[Any, Any], int] | None] = {
             "planner": plan,
-            "serp": lambda state, x: int(agent.decide_greedily(state, x).action),
+            "serp": None,
             "learner": lambda state, x: int(agent.learner.propose_greedily(x).action),
             "random": lambda state, x: int(random.integers(bound.actions.size)),
         }
@@ -221,7 +233,8 @@ def rows_of(training: Training, points: Sequence[int]) -> list[Row]:
         for name, decide in policies.items():
             with agent.undisturbed():
                 episodes = EPISODES.get(family(training.task), 10)
-                row[name] = worth(arena, agent, decide, episodes)
+                shown = played(arena, agent, 1_000_000, episodes, decide)
+                row[name] = float(np.mean([episode.return_ for episode in shown]))
         return row | {"ms_per_decision": 1e3 * spent / max(1, decisions)}
 
     def on_step(step: Any) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp.tasks.file_world import file_task
+from tests.benchmarks.ladder import played
 
 GRIDS = {  # `S` start, `G` goal, `L` lava; and the chance of a slip
     "bridge": (("S.L..", "..L..", ".....", "..L..", "..L.G"), 0.1),
@@ -61,21 +62,12 @@ def run(name, seed, mode):
         for path, text in zip(paths, texts(name), strict=True):
             path.write_text(text, encoding="utf-8")
         task = file_task(*paths, slip=GRIDS[name][1], max_steps=200)
-    settings, rows, burns, goals = resolve("default", None, {"adaptation": mode}), [], [], []
+    settings, rows = resolve("default", None, {"adaptation": mode}), []
     with task.bind() as bound, Trainer(bound, settings, seed) as trainer:
         while trainer.env_steps < 2_000:
             rows.append(next(trainer.run()).unsafe_observed)
-        agent = trainer.agent
-        for episode in range(30):
-            (raw, info), over, burnt = bound.env.reset(seed=10_000 * (seed + 1) + episode), False, 0
-            agent.arbiter.begin_episode()
-            while not over:
-                action = agent.decide_greedily(*agent.perceive(raw, info, bound.env)).action
-                raw, _, terminated, truncated, info = bound.env.step(action)
-                burnt, over = burnt + info["unsafe"], terminated or truncated
-            goals.append(terminated)
-            burns.append(burnt)
-    return np.mean(goals), np.mean(np.array(burns) > 0), np.mean(burns), np.mean(rows)
+        _, burns, goals = np.array(played(bound, trainer.agent, 10_000 * (seed + 1), 30)).T
+    return np.mean(goals), np.mean(burns > 0), np.mean(burns), np.mean(rows)
 
 
 def main():

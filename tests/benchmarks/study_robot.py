@@ -22,6 +22,7 @@ from serp.runs.trainer import Trainer
 from serp.settings import resolve
 from serp_adapters.tidy import ground, task
 from serp_envs.tidy import MACROS, THINGS
+from tests.benchmarks.ladder import played
 
 WORN = 0.1
 """Share of its friction that the gripper loses in mid-run."""
@@ -110,20 +111,6 @@ def rules(seeds, wear):
         )
 
 
-def evaluated(trainer, bound, seed, episodes=10):
-    """Return the returns of the policy as it is now, without exploration."""
-    agent, totals = trainer.agent, []
-    for episode in range(episodes):
-        (raw, info), over, total = bound.env.reset(seed=10_000 * (seed + 1) + episode), False, 0.0
-        agent.arbiter.begin_episode()
-        while not over:
-            action = agent.decide_greedily(*agent.perceive(raw, info, bound.env)).action
-            raw, reward, terminated, truncated, info = bound.env.step(action)
-            total, over = total + reward, terminated or truncated
-        totals.append(total)
-    return totals
-
-
 def train(seed, decisions):
     """Train, wear the gripper, go on; print a line."""
     begun = time.process_time()
@@ -131,7 +118,7 @@ def train(seed, decisions):
     with bound, Trainer(bound, resolve("default", bound.task.settings), seed) as trainer:
         while trainer.env_steps < decisions:
             rows.append(next(trainer.run()))
-        after = evaluated(trainer, bound, seed)
+        after = [one.return_ for one in played(bound, trainer.agent, 10_000 * (seed + 1), 10)]
         spent = time.process_time() - begun
         bound.env.unwrapped.wear = WORN
         worn = [next(trainer.run()) for _ in range(10)]

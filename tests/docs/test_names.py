@@ -89,12 +89,7 @@ LISTS = {
     "comparison folder": comparison_files,
     "extras": extras,
 }
-NOT_IN_EVERY_RUN = {
-    "problem.pddl",
-    "evaluations/",
-    "film.mp4",
-    "report.html",
-}
+NOT_IN_EVERY_RUN = {"problem.pddl", "evaluations/", "film.mp4", "report.html"}
 
 
 @pytest.mark.parametrize(("page", "what", "table"), tables("names of"))

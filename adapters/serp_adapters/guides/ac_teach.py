@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
@@ -49,6 +50,7 @@ class AcTeach(Strategy):
     The trained policy is the learner's.
     """
 
+    rho = math.nan  # whose turn it is depends on the values
     STATE: ClassVar[Mapping[str, Reader]] = {"_random": random}
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
@@ -57,11 +59,6 @@ class AcTeach(Strategy):
         self._acting = [-1] * count
         """Environment → the policy that acts, -1 at the beginning of an episode."""
         self._since = [0] * count
-
-    @property
-    def rho(self) -> float:
-        """1 where the learner acts, else 0."""
-        return float(self._acting[self.env_index] == LEARNER)
 
     def needs_plan(self, *, greedily: bool = False) -> bool:
         """Return whether the teachers are asked."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
@@ -30,6 +31,7 @@ class JumpStart(Strategy):
     here the episodes of the training count, which costs no samples.
     """
 
+    rho = math.nan  # whose turn it is depends on the step of the episode
     STATE: ClassVar[Mapping[str, Reader]] = {
         "_longest": count,
         "_stage": within(-1, STAGES),
@@ -51,11 +53,6 @@ class JumpStart(Strategy):
     @property
     def _planners_turn(self) -> bool:
         return self._steps[self.env_index] < self.planned_steps
-
-    @property
-    def rho(self) -> float:
-        """0 while the planner acts, then 1."""
-        return float(not self._planners_turn)
 
     def needs_plan(self, *, greedily: bool = False) -> bool:
         """Return whether it is the planner's turn."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from serp.agent.protocols import Proposer
 from serp.agent.strategy import Seed, Situation
 from serp.learning.dqn import Proposal
@@ -21,15 +23,12 @@ class TmpRl(Planned):
     `planner.depth`. There is no planner of motions below the actions.
     """
 
+    rho = math.nan  # whose turn it is depends on the plan that is carried out
+
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
         self._left = [0] * settings.training.num_envs
         """Environment → steps until the learner chooses again."""
-
-    @property
-    def rho(self) -> float:
-        """1 where the learner chooses a plan, else 0."""
-        return float(not self._left[self.env_index])
 
     @property
     def choice(self) -> str:

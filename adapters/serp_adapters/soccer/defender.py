@@ -56,8 +56,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
     # How far the opponent, seen from the ball, is left (+) of where the robot looks, rad.
     beside = np.arctan2(
-        robot_y * opponent_x - robot_x * opponent_y,
-        -robot_x * opponent_x - robot_y * opponent_y,
+        robot_y * opponent_x - robot_x * opponent_y, -robot_x * opponent_x - robot_y * opponent_y
     )
     away = opponent_to_ball > FREE_DISTANCE
 

@@ -23,10 +23,7 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
     # The paper's iteration is a game, of about 33 episodes; 28 games make a cycle (section 4.2).
     # R_min refuses what the domain expects to end with a goal or a collision, and allows what loses
     # the ball.
-    "paper": {
-        "arbiter": {"rho_increment": 0.003, "r_min": -5.0},
-        "training": {"env_steps": 24_000},
-    },
+    "paper": {"arbiter": {"rho_increment": 0.003, "r_min": -5.0}, "training": {"env_steps": 24_000}}
 }
 """Settings of both tasks for preset `paper`."""
 

@@ -10,32 +10,19 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer import actions
-from serp_envs.soccer.fields import Field
 from serp_envs.soccer.observation import SPACE, observe
 from serp_envs.soccer.opponents.approach import CONTEST_RADIUS, approach
-from serp_envs.soccer.physics.periods import ticks
 from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.scenario import Ruling, Scenario
 
-GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
-SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)
 EXIT_NEARER: Final = Ruling("exit-nearer", 2.0, dead_time=0.0)
 EXIT_FARTHER: Final = Ruling("exit-farther", -4.0, dead_time=0.0)
-OUT: Final = Ruling("out", 0.0, dead_time=10.0)
-TIMEOUT: Final = Ruling("timeout", -2.0, dead_time=5.0, truncated=True)
-_SEEN: Final = {ruling.outcome: ruling for ruling in (GOAL, SECURED, OUT)}
-
-LIMIT: Final = ticks(30.0)
-"""A contest longer than this is cut off."""
 EXIT_SLACK: Final = 0.02
 """A robot leaves the contest this far outside its radius, m: it does not flicker in and out."""
 EXIT_SPEED: Final = 0.25
 """It does not end while the ball is faster than this, m/s: a shot may be on its way."""
 NEARER_WEIGHT: Final = 0.05
 """Reward of a decision that ends `CONTEST_RADIUS` nearer to the ball than the attacker."""
-COVERAGE_WEIGHT: Final = 0.10
-"""Cost of a decision that ends with the whole goal open. Covering is not rewarded: the robot would
-learn to stay in front of the goal until the time is up."""
 
 
 class Contest(Scenario):
@@ -50,10 +37,7 @@ class Contest(Scenario):
     )
     unsafe = frozenset({4})
     teams = ("defender", "attacker")
-
-    def __init__(self, field: Field) -> None:
-        super().__init__(field)
-        self._started = 0
+    out = Ruling("out", 0.0, dead_time=10.0)
 
     @property
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
@@ -64,7 +48,7 @@ class Contest(Scenario):
         """Play approaches until both robots are within the contest's radius of the ball."""
         self.world, self.attacker = approach(self.field, rng)
         self.referee = Referee(self.world)
-        self._started = self.world.tick
+        self.started = self.world.tick
         self.hits = 0
 
     def command(self, action: int, rng: np.random.Generator) -> None:
@@ -85,17 +69,14 @@ class Contest(Scenario):
             self.hits += actions.charge(world, defender, opponent, rng)
         self.attacker.act(world, defender, rng)
 
-    def judge(self) -> Ruling | None:
-        """Return the first that applies of goal, out, secured, exit and timeout."""
-        seen = self.referee.check()
-        if seen is not None:
-            return _SEEN[seen]
+    def ruling(self) -> Ruling | None:
+        """Return an exit, once a robot has left and the ball is slow."""
         world = self.world
         if hypot(world.ball_vx, world.ball_vy) < EXIT_SPEED:
             d_rb, d_ob = self.referee.d_rb, self.referee.d_ob
             if d_rb > CONTEST_RADIUS + EXIT_SLACK or d_ob > CONTEST_RADIUS + EXIT_SLACK:
                 return EXIT_NEARER if d_rb < d_ob else EXIT_FARTHER
-        return TIMEOUT if world.tick - self._started >= LIMIT else None
+        return None
 
     def reward(self) -> float:
         """Return the reward for the lead over the attacker and for covering the goal."""
@@ -105,7 +86,7 @@ class Contest(Scenario):
         d_rb, d_ob = hypot(defender.x - x, defender.y - y), hypot(attacker.x - x, attacker.y - y)
         lead = (d_ob - d_rb) / CONTEST_RADIUS
         lead = 1.0 if lead > 1.0 else -1.0 if lead < -1.0 else lead
-        return NEARER_WEIGHT * lead + COVERAGE_WEIGHT * (self.coverage() - 1.0)
+        return NEARER_WEIGHT * lead + self.cost_of_open_goal()
 
     def observe(self) -> NDArray[np.float32]:
         """Return 16 numbers, see `serp_envs.soccer.observation`."""

@@ -21,15 +21,7 @@ from serp_envs.soccer.physics.rolling import meeting
 from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.scenario import Ruling, Scenario
 
-GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
 CLEARED: Final = Ruling("cleared", 10.0, dead_time=5.0)
-SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)
-OUT: Final = Ruling("out", -2.0, dead_time=10.0)
-TIMEOUT: Final = Ruling("timeout", -2.0, dead_time=5.0, truncated=True)
-_SEEN: Final = {ruling.outcome: ruling for ruling in (GOAL, SECURED, OUT)}
-
-LIMIT: Final = ticks(30.0)
-"""A corner longer than this is cut off."""
 CLEARED_AT: Final = 2.8
 """A ball that the defender kicked last is cleared this far from the goal's middle, m."""
 POST_DEPTH: Final = 0.35
@@ -45,8 +37,6 @@ CLEAR_SIGMA: Final = radians(20.0)
 CLEAR_SPEED: Final = 1.1
 """… at this speed on average, m/s."""
 CLEAR_COOLDOWN: Final = ticks(0.8)
-COVERAGE_WEIGHT: Final = 0.10
-"""Cost of a decision that ends with the whole goal open, once the corner is taken."""
 UNIT: Final = 2.0
 """The unit of places in the observation, m."""
 
@@ -71,6 +61,7 @@ class CornerKick(Scenario):
     )
     unsafe = frozenset({5})
     teams = ("defender", "attacker", "kicker")
+    out = Ruling("out", -2.0, dead_time=10.0)
 
     def __init__(self, field: Field) -> None:
         super().__init__(field)
@@ -135,22 +126,15 @@ class CornerKick(Scenario):
         world.kick(rng.normal(bearing + turn, CLEAR_SIGMA), CLEAR_SPEED, rng, robot)
         robot.kick_ready = world.tick + CLEAR_COOLDOWN
 
-    def judge(self) -> Ruling | None:
-        """Return the first that applies of goal, out, secured, cleared and timeout."""
-        seen = self.referee.check()
-        if seen is not None:
-            return _SEEN[seen]
+    def ruling(self) -> Ruling | None:
+        """Return that the ball is cleared, once the defender kicked it far away."""
         world = self.world
-        if (
-            world.kicked_by is world.robots[0]
-            and hypot(world.ball_x - world.goal_x, world.ball_y) > CLEARED_AT
-        ):
-            return CLEARED
-        return TIMEOUT if world.tick >= LIMIT else None
+        away = hypot(world.ball_x - world.goal_x, world.ball_y) > CLEARED_AT
+        return CLEARED if away and world.kicked_by is world.robots[0] else None
 
     def reward(self) -> float:
         """Return 0 before the kick, then the cost of an open goal."""
-        return COVERAGE_WEIGHT * (self.coverage() - 1.0) if self.attack.kicked else 0.0
+        return self.cost_of_open_goal() if self.attack.kicked else 0.0
 
     def observe(self) -> NDArray[np.float32]:
         """Return the observation, mirrored so that every corner is on the defender's left.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from gymnasium import spaces
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from serp_envs.soccer.fields import Field
 from serp_envs.soccer.opponents.attacker import Attacker
 from serp_envs.soccer.physics.geometry import goal_coverage
+from serp_envs.soccer.physics.periods import ticks
 from serp_envs.soccer.physics.world import World
 from serp_envs.soccer.referee import Referee
 
@@ -33,6 +34,14 @@ class Ruling:
 
 PLAYING = "playing"
 """The outcome of an episode that has none yet."""
+GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
+SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)
+TIMEOUT: Final = Ruling("timeout", -2.0, dead_time=5.0, truncated=True)
+LIMIT: Final = ticks(30.0)
+"""An episode longer than this is cut off."""
+COVERAGE_WEIGHT: Final = 0.10
+"""Cost of a decision that ends with the whole goal open. Covering is not rewarded: the robot would
+learn to stay in front of the goal until the time is up."""
 
 
 class Scenario(ABC):
@@ -48,6 +57,8 @@ class Scenario(ABC):
     """Actions that can damage a robot."""
     teams: ClassVar[tuple[str, ...]]
     """A word for each robot of the world; the first is the one that learns."""
+    out: ClassVar[Ruling]
+    """The ruling for a ball out of the field."""
 
     def __init__(self, field: Field) -> None:
         self.field = field
@@ -59,6 +70,9 @@ class Scenario(ABC):
         """The referee, from `start` on."""
         self.hits = 0
         """Damaging hits by the learning robot in this episode."""
+        self.started = 0
+        """The tick at which the episode began."""
+        self._seen = {ruling.outcome: ruling for ruling in (GOAL, SECURED, self.out)}
         self._names = [
             (f"{team}_x", f"{team}_y", f"{team}_heading", f"{team}_down") for team in self.teams
         ]
@@ -77,8 +91,16 @@ class Scenario(ABC):
         """Command every robot for a tick; the learning one does `action`."""
 
     @abstractmethod
+    def ruling(self) -> Ruling | None:
+        """Return the scenario's own ruling after a tick, if there is one."""
+
     def judge(self) -> Ruling | None:
-        """Judge the world after a tick; a ruling ends the episode."""
+        """Return the first after a tick of goal, out, secured, its own ruling and timeout."""
+        seen = self.referee.check()
+        ruling = self.ruling() if seen is None else self._seen[seen]
+        if ruling is None and self.world.tick - self.started >= LIMIT:
+            return TIMEOUT
+        return ruling
 
     @abstractmethod
     def reward(self) -> float:
@@ -88,19 +110,12 @@ class Scenario(ABC):
     def observe(self) -> NDArray[np.float32]:
         """Return a new observation."""
 
-    def coverage(self) -> float:
-        """Return the share of the goal, seen from the ball, that the first robot covers, 0 to 1."""
-        world, field = self.world, self.field
-        robot = world.robots[0]
-        return goal_coverage(
-            world.ball_x,
-            world.ball_y,
-            robot.x,
-            robot.y,
-            world.contact,
-            world.goal_x,
-            field.half_goal,
-        )
+    def cost_of_open_goal(self) -> float:
+        """Return the reward, at most 0, for the share of the goal that the first robot covers."""
+        world, half_goal = self.world, self.field.half_goal
+        robot, x, y = world.robots[0], world.ball_x, world.ball_y
+        covered = goal_coverage(x, y, robot.x, robot.y, world.contact, world.goal_x, half_goal)
+        return COVERAGE_WEIGHT * (covered - 1.0)
 
     def facts(self) -> dict[str, Any]:
         """Return the situation for `info`: flat, so that vectors of them stack.

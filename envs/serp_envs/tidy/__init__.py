@@ -2,7 +2,7 @@
 
 from serp_envs.tidy.controllers import MACROS
 from serp_envs.tidy.environment import OBSERVED, SPILL, TidyRoom
-from serp_envs.tidy.room import PLACES, TABLE, THINGS, Pose, Thing, stands_at
+from serp_envs.tidy.room import PLACES, TABLE, THINGS, Pose, Thing, lies_on_table, stands_at
 
 __all__ = [
     "MACROS",
@@ -14,5 +14,6 @@ __all__ = [
     "Pose",
     "Thing",
     "TidyRoom",
+    "lies_on_table",
     "stands_at",
 ]

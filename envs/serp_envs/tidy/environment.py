@@ -35,6 +35,7 @@ from serp_envs.tidy.room import (
     TIMESTEP,
     WALK,
     XML,
+    lies_on_table,
     stands_at,
 )
 
@@ -359,8 +360,7 @@ class TidyRoom(gym.Env[Observation, np.int64]):
 
     def on_table(self, name: str) -> bool:
         """Return whether a thing lies on the table."""
-        x, y, z = self.where(name)
-        return z > TABLE and x < -2.15 and abs(y) < 0.85 and name != self.held
+        return name != self.held and bool(lies_on_table(*self.where(name)))
 
     def from_base(self, name: str) -> tuple[float, float, float]:
         """Return how far ahead, to the left and how high a thing is, m."""

@@ -102,6 +102,11 @@ TIMESTEP: Final = 0.01
 """Step of the physics, s."""
 
 
+def lies_on_table(x: Number, y: Number, z: Number) -> Any:
+    """Return whether a thing that is not held lies on the table; numbers or arrays of one shape."""
+    return (z > TABLE) & (x < -2.15) & (abs(y) < 0.85)
+
+
 def _thing(name: str, thing: Thing) -> str:
     """Round things touch as boxes do: four steady contacts, which are cheap."""
     colour = {"block": ".3 .5 .8 1", "can": ".8 .25 .2 1", "bottle": ".2 .55 .3 1"}.get(

@@ -123,7 +123,7 @@ MEANINGS = {
     **{
         word: f"Not supported: {instead}."
         for word, instead in INSTEAD.items()
-        if word.startswith(":") or word in ("oneof", "probabilistic", "preference")
+        if word.startswith(":") or word == "preference"
     },
     ":requirements": "The PDDL features that a tool must support to read the file.",
     ":types": "Kinds of objects: `cup plate - dish` declares two kinds of dish.",
@@ -146,6 +146,8 @@ MEANINGS = {
     "forall": "Applies to every object of a type.",
     "exists": "Holds if at least one object of a type satisfies the condition.",
     "when": "An effect that happens only if a condition holds before the step.",
+    "probabilistic": "At most one of the effects happens, each with the probability before it.",
+    "oneof": "One of the effects happens; all are equally likely.",
     "assign": "Sets a function to a number.",
     "increase": "Adds a number to a function. In a process it is a rate: `(* #t rate)`.",
     "decrease": "Subtracts a number from a function. In a process it is a rate: `(* #t rate)`.",
@@ -165,7 +167,7 @@ MEANINGS = {
 
 _KEYWORDS = (*DOMAIN_SECTIONS, *SCHEMA_SECTIONS, *SCHEMA_FIELDS, *PROBLEM_SECTIONS)
 _FORMS = (
-    *("and", "or", "not", "imply", "forall", "exists", "when"),
+    *("and", "or", "not", "imply", "forall", "exists", "when", "probabilistic", "oneof"),
     *("=", "<", "<=", ">", ">=", "+", "-", "*", "/"),
     *(change.value for change in Change),
 )

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from serp.agent.causes import location_of
 from serp.authoring.lint import rules
 from serp.authoring.lint.subject import MOST_INSTANCES, LintSubject, Rule
 from serp.model.domain import Domain, problem_beside
@@ -80,29 +81,19 @@ class Finding:
         """Return the finding as JSON values; lines and columns count from 1, ends are exclusive."""
         place = None
         if self.place is not None:
-            place = {**spot(self.place), "file": self.place.source.name}
+            place = asdict(location_of(self.place))
         fix = None
         if self.fix is not None and self.place is not None:
             source = self.place.source
             fix = {
                 "sure": self.fix.sure,
                 "edits": [
-                    {**spot(source.place(e.start, e.end)), "text": e.text} for e in self.fix.edits
+                    {**asdict(location_of(source.place(e.start, e.end))), "text": e.text}
+                    for e in self.fix.edits
                 ],
             }
         texts = {k: getattr(self, k) for k in ("code", "severity", "message", "advice")}
         return {**texts, "place": place, "fix": fix}
-
-
-def spot(place: Place) -> dict[str, int]:
-    """Return line, column, and the end of a place, from 1; the end is exclusive."""
-    end = Place(place.source, place.end, place.end)
-    return {
-        "line": place.line,
-        "column": place.column,
-        "end_line": end.line,
-        "end_column": end.column,
-    }
 
 
 @dataclass(frozen=True)

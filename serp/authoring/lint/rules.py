@@ -54,7 +54,7 @@ def _unused_name(subject: LintSubject) -> Iterator[DomainWarning]:
     read |= x.names_in(problem.goal, problem.metric) if problem else set()
     for _, effect in _changes(subject):
         read |= x.names_in(effect.value) - {effect.function.name}
-    changed = x.changed_names(syntax.schemas) | syntax.derived
+    changed = x.changed_names(*(s.effects for s in syntax.schemas)) | syntax.derived
     if problem is None and x.REWARD not in syntax.declarations:
         read |= changed
     for name, declaration in syntax.declarations.items():
@@ -74,10 +74,7 @@ def _unused_parameter(subject: LintSubject) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
     for _, schema, effects in subject.schemas:
         for form in (schema, *x.nodes_in(schema.precondition), *effects):
-            if (
-                not isinstance(form, x.Schema | x.Quantified | x.ForallEffect)
-                or not form.parameters
-            ):
+            if not isinstance(form, x.Schema | x.Quantified | x.ForallEffect):
                 continue
             head = form.operator if isinstance(form, x.Quantified) else "forall"
             if form is schema:

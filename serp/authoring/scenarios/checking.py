@@ -200,10 +200,8 @@ class _Checker:
 
     @functools.cached_property
     def _planner(self) -> ChosenPlanner:
-        planner, seconds = self._decider.arbiter.planner, 5.0
-        return ChosenPlanner(
-            planner, self._decider.model, self._decider.settings, "", seconds=seconds
-        )
+        of = self._decider
+        return ChosenPlanner(of.arbiter.planner, of.model, of.settings, "", seconds=5.0)
 
     @functools.cached_property
     def _alternatives(self) -> Sequence[Alternative]:
@@ -352,14 +350,8 @@ def add_situation(
     from.
     """
     newline = newline_of(source.text)
-    written = newline.join(
-        [
-            f"scenario {title}",
-            f"  ; {remark}",
-            *_situation(values, decider),
-            *_expected(values, decider, title),
-        ]
-    )
+    lines = [f"scenario {title}", f"  ; {remark}", *_situation(values, decider)]
+    written = newline.join([*lines, *_expected(values, decider, title)])
     for scenario in read_scenarios(source, decider.domain, decider.model):
         if scenario.title.lower() == title.lower():
             begin = source.line_starts[scenario.place.line - 1]

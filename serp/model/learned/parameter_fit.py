@@ -7,7 +7,7 @@ change: a wrong model of the pole does not distort the parameters of the cart.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -29,7 +29,7 @@ from serp.model.learned.regression_data import (
 from serp.model.learned.robust_regression import Regression, independent, regress
 from serp.model.learned.transitions import TransitionMemory
 from serp.model.transition_model import TransitionModel, Vector
-from serp.pddl.syntax import Change, Kind
+from serp.pddl.syntax import Change, Kind, nodes_in
 
 _ALWAYS = g.Constant(True)
 
@@ -120,7 +120,8 @@ def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, 
     barred: set[int] = set()
     for position, schema in enumerate((*ground.actions, *ground.processes)):
         values = [(e.target, e.value) for e in schema.effects if isinstance(e, g.SetNumber)]
-        for target, index in ((target, k) for target, value in values for k in _parameters(value)):
+        read = [(target, node) for target, value in values for node in nodes_in(value)]
+        for target, index in ((t, n.parameter) for t, n in read if isinstance(n, g.ParameterRef)):
             if target < 0:
                 barred.add(index)
                 continue
@@ -139,18 +140,6 @@ def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, 
         for index, (schema, target) in sorted(first.items(), key=lambda item: item[0])
         if index not in barred and ground.parameters[index].role in ("effect", "rate")
     )
-
-
-def _parameters(value: g.Value) -> Iterator[int]:
-    """Yield the positions in θ of the parameters in a value."""
-    match value:
-        case g.ParameterRef(index):
-            yield index
-        case g.Operation(_, left, right):
-            yield from _parameters(left)
-            yield from _parameters(right)
-        case g.Unary(_, operand):
-            yield from _parameters(operand)
 
 
 @dataclass(frozen=True)

@@ -93,9 +93,7 @@ OWN: Final[Mapping[str, Algorithm]] = {
     algorithm.name: algorithm
     for algorithm in (
         Algorithm("serp", "preset default", "guided"),
-        Algorithm(
-            "serp-paper", "preset paper: Algorithm 1 and section 4 to the letter", "guided", "paper"
-        ),
+        Algorithm("serp-paper", "preset paper", "guided", "paper"),
         Algorithm(
             PLANNER,
             "the planner alone (monitor-replanning)",

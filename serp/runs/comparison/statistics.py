@@ -51,13 +51,13 @@ MEASURES: Final = (
     Measure("first_50", "first 50 episodes",
             "Mean return of the first 50 training episodes (of all, if there are fewer).",
             "higher", "returns", True),
-    Measure("last_20", "last 20 episodes",
-            "Mean return of the last 20 training episodes (of all, if there are fewer).",
+    Measure("last_20", f"last {WINDOW} episodes",
+            f"Mean return of the last {WINDOW} training episodes (of all, if there are fewer).",
             "higher", "returns", True),
     Measure("threshold_env_steps", "env steps to the return threshold",
-            "Env steps until the mean return of 20 training episodes in a row first reaches the "
-            "threshold. If it is never reached, statistics use the whole budget. With fewer than "
-            "20 episodes, there is no value.",
+            f"Env steps until the mean return of {WINDOW} training episodes in a row first reaches "
+            "the threshold. If it is never reached, statistics use the whole budget. With fewer "
+            f"than {WINDOW} episodes, there is no value.",
             "lower", "returns", True),
     Measure("learner_area", "area under the learner's curve",
             "Return of the learner alone (greedy, without planner and vetoes), averaged over the "
@@ -295,7 +295,7 @@ class Results:
     @property
     def rewards(self) -> list[str]:
         """What the learners learn from; where that differs, of each algorithm."""
-        learned = {name: self.of(name)[0].reward for name in self.algorithms}
+        learned = {record.trial.algorithm: record.reward for record in self.records}
         same = {f"The learner learns from {reward}." for reward in learned.values()}
         return [*same] if len(same) == 1 else [f"{name}: {learned[name]}." for name in learned]
 

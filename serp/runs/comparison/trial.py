@@ -32,7 +32,6 @@ from serp.agent.protocols import Learner, Mask
 from serp.agent.step_record import OnStep, StepRecord
 from serp.errors import Interrupted, RunError, TaskError
 from serp.learning.dqn import Proposal
-from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.model.transition_model import Vector
 from serp.runs.comparison.algorithms import Algorithm, ExternalAlgorithm
 from serp.runs.evaluation import Policy, outcome_of, play
@@ -233,10 +232,8 @@ class ExternalEnv(Bookkeeping, TaskEnv):
         if there are none. Nothing learned is in it.
         """
         state = self.running.state if x is None else x[self._task.observation_size :]
-        flags = self._agent.guarded.execute(state, Proposal(0, False)).forecast.flags
-        known = self._task.actions.modelled
-        possible = (flags & (APPLICABLE | UNDEFINED)) != 0
-        allowed: Mask = (possible | ~known) & ((flags & UNSAFE) == 0)
+        forecast = self._agent.guarded.execute(state, Proposal(0, False)).forecast
+        allowed: Mask = forecast.unflagged | (forecast.ground < 0)
         return allowed if allowed.any() else np.ones_like(allowed)
 
     def after_step(self, step: StepRecord) -> dict[str, Any]:

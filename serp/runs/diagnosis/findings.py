@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 from serp._util.text import measured, percent_measured, plain, plural, readable
 from serp.model.ground_model import GroundModel, Parameter
@@ -242,14 +242,9 @@ class Findings:
     @classmethod
     def of(cls, finding: Finding) -> Self:
         """Return a single finding as findings."""
-        match finding:
-            case ParameterFinding():
-                return cls(parameters=(finding,))
-            case MissingEffect():
-                return cls(missing=(finding,))
-            case StochasticEffect():
-                return cls(stochastic=(finding,))
-        return cls(rules=(finding,))
+        kinds = ParameterFinding, MissingEffect, StochasticEffect, RuleFinding
+        parts: Any = [(finding,) * isinstance(finding, kind) for kind in kinds]
+        return cls(*parts)
 
 
 def _where(finding: Finding) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from serp._util.text import measured, plain
@@ -124,14 +124,14 @@ class _Writer:
         """
         schema = next(s for s in self._syntax.schemas if s.place == finding.place)
         symbols = finding.symbols
-        own = [effect for effect in schema.effects if _targets(effect) & symbols]
+        own = [effect for effect in schema.effects if x.changed_names(effect) & symbols]
         edited = {finding.place.start for finding in self._findings.parameters}
         written = sum(outcome.probability for outcome in finding.outcomes if outcome.written)
         outcomes = self._outcomes(finding, {parameter.name for parameter in schema.parameters})
         if (
             outcomes is None
             or not own
-            or not all(_targets(effect) <= symbols for effect in own)
+            or not all(x.changed_names(effect) <= symbols for effect in own)
             or any(isinstance(node, x.Chance) for node in x.nodes_in(schema.effects))
             or any(e.place.start <= at < e.place.end for e in own for at in edited)
             or schema.name in {missing.schema for missing in self._findings.missing}
@@ -218,11 +218,11 @@ class _Writer:
     def _assignment(self, missing: MissingEffect) -> x.ChangeFunction | None:
         """Return the assignment of the fluent in the action, if there is one."""
         for schema in self._syntax.schemas:
-            for effect in _changes(schema.effects) if schema.name == missing.schema else ():
-                arguments = (term.name for term in effect.function.arguments)
-                name = " ".join((effect.function.name, *arguments))
-                if effect.change is x.Change.ASSIGN and name == missing.fluent:
-                    return effect
+            for node in x.nodes_in(schema.effects) if schema.name == missing.schema else ():
+                if isinstance(node, x.ChangeFunction) and node.change is x.Change.ASSIGN:
+                    terms = (node.function.name, *(term.name for term in node.function.arguments))
+                    if " ".join(terms) == missing.fluent:
+                        return node
         return None
 
     def _into_assignment(
@@ -325,29 +325,10 @@ class _Writer:
         )
 
 
-def _targets(effect: x.Effect) -> set[str]:
-    """Return the predicates and functions that an effect changes."""
-    changed = x.nodes_in(effect)
-    return {
-        node.atom.name if isinstance(node, x.SetPredicate) else node.function.name
-        for node in changed
-        if isinstance(node, x.SetPredicate | x.ChangeFunction)
-    }
-
-
 def _share(probability: float, error: float) -> str:
     """Return a probability as the file has it, with two to four decimals, rounded down."""
     digits = 2 if error > 0.005 and probability >= 0.01 else 4
     return f"{math.floor(probability * 10**digits) / 10**digits:g}"
-
-
-def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
-    """Yield the numeric effects, those under `when` and `forall` too."""
-    for effect in effects:
-        if isinstance(effect, x.ChangeFunction):
-            yield effect
-        elif isinstance(effect, x.When | x.ForallEffect):
-            yield from _changes(effect.effects)
 
 
 def _declared(parameter: x.SchemaParameter) -> str:

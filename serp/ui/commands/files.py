@@ -59,9 +59,7 @@ def new(name: Path, env: str | None) -> None:
 
 
 @command(
-    "serp format robot.pddl",
-    "serp format domains/*.pddl --check",
-    "serp format robot.pddl --diff",
+    "serp format robot.pddl", "serp format domains/*.pddl --check", "serp format robot.pddl --diff"
 )
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)

@@ -17,6 +17,7 @@ def list() -> None:
     from serp.runs.comparison.algorithms import GROUP, OWN
     from serp.runs.comparison.pool import GROUP as ENGINES
     from serp.runs.comparison.pool import LOCAL
+    from serp.settings import ABOUT_PRESETS
     from serp.tasks.registry import task_entries
 
     rows = [(name, *_describe_task(name)) for name in sorted(task_entries())]
@@ -27,12 +28,8 @@ def list() -> None:
         for group, (what, setting) in KINDS.items()
     }
     groups[ENGINES] = "engine", "engine (serp compare)", {LOCAL: "processes on this machine"}
-    presets = [
-        ("default", "the settings that give the best results"),
-        ("paper", "Algorithm 1 and section 4 of the paper to the letter"),
-    ]
     show()
-    print_table(("preset", ""), presets)
+    print_table(("preset", ""), [*ABOUT_PRESETS.items()])
     for group, (what, title, known) in groups.items():
         installed = sorted(offered(group).items())
         show()

@@ -106,11 +106,9 @@ def plan_and_learn(
 
 def _print_results(run: Run, *, verbose: bool) -> None:
     """Print the figures that the display of the training had, and what to do next."""
-    from serp.runs.folder import METRICS
     from serp.runs.oscillation import oscillation
     from serp.runs.results import return_of, title
     from serp.runs.step_account import unsafe_steps
-    from serp.runs.tables import read_metrics
 
     summary, recording = run.summary, run.recording()
     acted = {actor: share for actor, share in summary["shares"].items() if share}
@@ -122,10 +120,7 @@ def _print_results(run: Run, *, verbose: bool) -> None:
     unsafe += f"{unsafe_steps(recording)}, "
     rows = [
         ("steps", f"{steps}, {plural(summary['episodes'], 'episode')}"),
-        (
-            "return",
-            f"{return_of(summary)}  {sparkline(read_metrics(run.path / METRICS)['return'])}",
-        ),
+        ("return", f"{return_of(summary)}  {sparkline(run.metrics['return'])}"),
         ("who acted", f"{shares or '–'}; trained policy: {summary['trained_policy']}"),
         ("safety", f"{unsafe}{plural(summary['vetoes'], 'proposal')} refused"),
         ("time", duration(summary["wall_time"])),

@@ -50,12 +50,7 @@ if TYPE_CHECKING:
 @settings_option
 @dt_option
 @json_option
-def test(
-    names: tuple[str, ...],
-    words: str,
-    as_json: bool,
-    **deciding: Any,
-) -> int:
+def test(names: tuple[str, ...], words: str, as_json: bool, **deciding: Any) -> int:
     """Check the scenarios beside domain files.
 
     The scenarios of NAME.pddl are in NAME.scenarios. A scenario is a situation and what is expected

@@ -225,10 +225,7 @@ def print_account(account: Mapping[str, Any], sight: Mapping[str, float | None])
     print_table(("", ""), rows)
 
 
-@command(
-    "serp watch runs/seven",
-    "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
-)
+@command("serp watch runs/seven", "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4")
 @run_argument
 @policy_option
 @click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",

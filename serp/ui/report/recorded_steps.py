@@ -144,7 +144,7 @@ def curve_arrays(metrics: Metrics) -> dict[str, NDArray[Any]]:
         "mean": mean[drawn],
         "meanLow": low[drawn],
         "meanHigh": high[drawn],
-        "rho": np.nan_to_num(metrics["rho"])[drawn],
+        "rho": metrics["rho"][drawn],
         "shareAt": at,
         "shares": np.array(list(shares.values())),
     }

@@ -17,14 +17,7 @@ from tests.serp.runs.test_folder import create
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
-READ = [
-    "config.json",
-    "domain.pddl",
-    METRICS,
-    DECISIONS,
-    CHECKPOINT,
-    LOCK,
-]
+READ = ["config.json", "domain.pddl", METRICS, DECISIONS, CHECKPOINT, LOCK]
 WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{CHECKPOINT}.aside"]
 TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 KINDS = {

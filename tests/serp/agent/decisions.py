@@ -141,8 +141,7 @@ def arbiter_of(actions, random, strategy="mixture"):
             unmodelled=random.choice(("allow", "veto")),
         ),
         planner=PlannerSettings(
-            depth=random.randint(1, 3),
-            accepted_risk=random.choice((0.0, 0.02, 0.3)),
+            depth=random.randint(1, 3), accepted_risk=random.choice((0.0, 0.02, 0.3))
         ),
         guide=GuideSettings(strategy=strategy),
     )

@@ -17,14 +17,7 @@ from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
 from serp.settings import ArbiterSettings, PlannerSettings, Settings
 from serp.tasks.action_map import ActionMap
-from tests.serp.agent.decisions import (
-    MODELS,
-    View,
-    Wild,
-    action_maps,
-    arbiter_of,
-    proposer_of,
-)
+from tests.serp.agent.decisions import MODELS, View, Wild, action_maps, arbiter_of, proposer_of
 from tests.serp.agent.scene import Known
 from tests.serp.planning.worlds import load, states_of
 from tests.worlds import text

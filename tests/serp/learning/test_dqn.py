@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
+from serp.learning.onnx_export import network_as_onnx
 from tests.serp.learning.learners import A, F, assert_same_state, learner, live, set_q
 
 GREEDY = {"epsilon_steps": 0, "epsilon_end": 0.0}
@@ -68,7 +69,7 @@ def test_q_is_the_same_of_one_of_many_and_exported(options):
     x = np.random.default_rng(1).standard_normal((6, F)).astype(np.float32)
     q = agent.learning.online.q(x)
     assert q.shape == (6, A) and q.dtype == np.float32 and q.std(axis=0).min() > 0.0
-    exported = onnxruntime.InferenceSession(agent.as_onnx())
+    exported = onnxruntime.InferenceSession(network_as_onnx(agent.learning.online))
     for how in (
         np.stack([agent.learning.online.q(row) for row in x]),
         np.stack([exported.run(None, {"x": row})[0] for row in x]),

@@ -10,12 +10,7 @@ from hypothesis import strategies as st
 from serp.model.flags import UNDEFINED
 from serp.model.ground_model import UNSAFE_TARGET, SetBoolean
 from serp.pddl import syntax as x
-from tests.generated import (
-    examples,
-    generate,
-    models_with_states,
-    random_states,
-)
+from tests.generated import examples, generate, models_with_states, random_states
 from tests.generated.oracle import NotApplicable
 
 

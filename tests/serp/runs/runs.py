@@ -11,10 +11,7 @@ from serp.runs.train import plan_and_learn
 EPISODES = 12
 CHANGES = {
     "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
-    "default": {
-        "arbiter": {"r_min": -1.0},
-        "learner": {"updates_per_step": 0.7},
-    },
+    "default": {"arbiter": {"r_min": -1.0}, "learner": {"updates_per_step": 0.7}},
 }
 
 

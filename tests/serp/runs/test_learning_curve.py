@@ -1,5 +1,6 @@
 """Learning curves, which are drawn here alone."""
 
+import numpy as np
 import pytest
 
 from serp._util.figures import render
@@ -16,3 +17,5 @@ def test_the_curve_of_a_run_with_and_without_episodes_is_drawn(tmp_path, env_ste
     png, svg, again = (render(learning_curve(metrics, "A run"), k) for k in ("png", "svg", "svg"))
     assert png.startswith(b"\x89PNG")
     assert svg == again and b"</svg>" in svg
+    without = render(learning_curve({**metrics, "rho": metrics["rho"] * np.nan}, "A run"), "svg")
+    assert ["ρ".encode() in each for each in (svg, without)] == [len(metrics["rho"]) > 0, False]

@@ -67,6 +67,13 @@ def test_equal_runs_are_exported_to_equal_folders(run, tmp_path):
         assert file.read_bytes() == (other / file.name).read_bytes()
 
 
+def test_an_export_that_fails_leaves_nothing_in_its_way(cartpole_run, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch, pytest.raises(RunError, match="cannot write"):
+        patch.setattr("os.replace", Mock(side_effect=OSError("the disk is full")))
+        serp.export_policy(cartpole_run, tmp_path / "policy")
+    assert serp.export_policy(cartpole_run, tmp_path / "policy").is_dir()
+
+
 def test_a_robot_decides_without_libraries_for_learning_drawing_or_a_terminal(cartpole):
     script = (
         "import json, sys, serp; policy = serp.Policy(sys.argv[1])\n"

@@ -105,10 +105,7 @@ def test_a_run_needs_its_own_task(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "old", "new"),
-    [
-        ("domain.pddl", "(reward) 5", "(reward) 6"),
-        ("config.json", '"seed": ', '"seed": 1'),
-    ],
+    [("domain.pddl", "(reward) 5", "(reward) 6"), ("config.json", '"seed": ', '"seed": 1')],
 )
 def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path, name, old, new):
     file = tmp_path / "run" / name

@@ -17,11 +17,7 @@ def as_before():
 
 
 @pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        (signal.SIGINT, signal.SIGINT),
-        (signal.SIGHUP, signal.SIGTERM),
-    ],
+    ("first", "second"), [(signal.SIGINT, signal.SIGINT), (signal.SIGHUP, signal.SIGTERM)]
 )
 def test_the_second_signal_stops_at_once_and_handlers_are_put_back(first, second):
     before = [signal.getsignal(number) for number in SIGNALS]

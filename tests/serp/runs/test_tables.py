@@ -10,12 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.runs.tables import (
-    METRICS_COLUMNS,
-    MetricsRow,
-    Table,
-    read_metrics,
-)
+from serp.runs.tables import METRICS_COLUMNS, MetricsRow, Table, read_metrics
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
@@ -46,7 +41,8 @@ def test_floats_come_back_exactly_and_every_line_is_a_row(tmp_path_factory, rows
     write(path, rows)
     assert path.read_bytes().count(b"\n") == len(rows) + 1
     for row, found in zip(rows, cells(path), strict=True):
-        assert np.float64(found[0]).tobytes() == np.float64(row[0]).tobytes() or row[0] != row[0]
+        bits = np.float64(found[0]).tobytes() if found[0] else None
+        assert bits == (None if row[0] != row[0] else np.float64(row[0]).tobytes())
         assert int(found[1]) == row[1]
         if row[2] is not None and not {"\n", "\r"} & set(row[2]):
             assert found[2] == row[2].encode("utf-8", "backslashreplace").decode()

@@ -28,10 +28,7 @@ CHANGES = st.fixed_dictionaries(
         "planner": st.fixed_dictionaries(
             {}, optional={"depth": st.integers(1, 9), "discount": st.floats(0.01, 0.99)}
         ),
-        "arbiter": st.fixed_dictionaries(
-            {},
-            optional={"r_min": st.none() | st.floats(-5, 5)},
-        ),
+        "arbiter": st.fixed_dictionaries({}, optional={"r_min": st.none() | st.floats(-5, 5)}),
         "learner": st.fixed_dictionaries(
             {}, optional={"hidden": st.lists(st.integers(1, 99), max_size=3)}
         ),

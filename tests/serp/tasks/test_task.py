@@ -107,10 +107,7 @@ def unplugged():
         ({"ground": lambda seen: {}}, "the grounding does not fit .*: no value for fluent `x`"),
         ({"ground": lambda seen: {"x": 0.0, "y": 1.0}}, "does not fit .*: unknown fluent `y`"),
         ({"ground": lambda seen: np.zeros(0)}, "a state .* 1 number .* found 0: none for `x`"),
-        (
-            {"ground": lambda seen, infos: {}},
-            r"ground\(seen, infos\) cannot be called: .*`infos?`",
-        ),
+        ({"ground": lambda seen, infos: {}}, r"ground\(seen, infos\) cannot be called: .*`infos?`"),
         ({"ground": lambda seen, info: info["place"]}, r"failed on .*KeyError: 'place'"),
     ],
 )

@@ -3,19 +3,11 @@
 from fractions import Fraction
 
 import pytest
-from unified_planning.engines import (
-    PlanGenerationResultStatus,
-    SequentialPlanValidator,
-)
+from unified_planning.engines import PlanGenerationResultStatus, SequentialPlanValidator
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.model import InstantaneousAction, Problem
 from unified_planning.model.metrics import MinimizeActionCosts
-from unified_planning.shortcuts import (
-    Equals,
-    Int,
-    IntType,
-    RealType,
-)
+from unified_planning.shortcuts import Equals, Int, IntType, RealType
 from unified_planning.test.examples import get_example_problems
 
 from serp_adapters.unified_planning.engine import SErPEngine

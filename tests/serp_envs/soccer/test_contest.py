@@ -22,7 +22,7 @@ def placed(ball, defender, attacker, field=SPL_2020):
     contest.world = World(field, NAO, ball, (defender, attacker))
     contest.attacker = Attacker(contest.world, contest.world.robots[1])
     contest.referee = Referee(contest.world)
-    contest._started = 0
+    contest.started = 0
     return contest
 
 

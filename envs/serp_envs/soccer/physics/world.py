@@ -110,11 +110,7 @@ class World:
             robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(
-        self,
-        direction: float,
-        speed: float,
-        rng: np.random.Generator,
-        by: Robot | None = None,
+        self, direction: float, speed: float, rng: np.random.Generator, by: Robot | None = None
     ) -> None:
         """Give the ball a velocity.
 

@@ -98,5 +98,6 @@ function drawShares(box) {
       class: `fill-${actor}`, d: area(c.shareAt, under, over, x, y) }));
     under = over;
   });
-  plot.appendChild(element("svg:path", { class: "rho", d: line(c.curveAt, c.rho, x, y) }));
+  if (c.rho.every(Number.isFinite)) // else there is none
+    plot.appendChild(element("svg:path", { class: "rho", d: line(c.curveAt, c.rho, x, y) }));
 }

@@ -8,15 +8,7 @@ import pytest
 from serp.model.flags import going_on
 from serp.runs import checkpoint
 from tests.serp.model.learned.rolls import from_text
-from tests.serp.model.learned.worlds import (
-    FLEET,
-    GRID,
-    ICE,
-    PLANE,
-    adaptation,
-    adapted,
-    any_state,
-)
+from tests.serp.model.learned.worlds import FLEET, GRID, ICE, PLANE, adaptation, adapted, any_state
 
 
 def bits(saved):

@@ -9,15 +9,7 @@ from hypothesis import strategies as st
 
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.learned.adapted_model import AdaptedModel
-from serp.model.learned.feature_groups import (
-    CURVED,
-    FEATURES,
-    FILE,
-    FULL,
-    LINEAR,
-    RANGE,
-    SMOOTH,
-)
+from serp.model.learned.feature_groups import CURVED, FEATURES, FILE, FULL, LINEAR, RANGE, SMOOTH
 from serp.model.transition_model import UNKNOWN
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings

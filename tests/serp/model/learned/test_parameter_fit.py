@@ -5,10 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.learned.parameter_fit import (
-    estimate_parameters,
-    parameter_dependencies,
-)
+from serp.model.learned.parameter_fit import estimate_parameters, parameter_dependencies
 from tests.generated.profile import examples
 from tests.serp.model.learned.rolls import from_text, imagined
 from tests.worlds import text

@@ -12,13 +12,7 @@ from serp.pddl.source import DomainError
 from serp.runs.comparison.compare import compare
 from serp.runs.comparison.trial import file_name
 from tests.serp.runs.comparison import contest
-from tests.serp.runs.comparison.contest import (
-    Pothole,
-    everything,
-    small,
-    trials_in,
-    walk,
-)
+from tests.serp.runs.comparison.contest import Pothole, everything, small, trials_in, walk
 from tests.serp.sample_tasks import CORRIDOR
 
 

@@ -12,11 +12,7 @@ from hypothesis import strategies as st
 
 from serp.model.learned.effect_search import may_change
 from serp.model.learned.parameter_fit import parameter_dependencies
-from serp.model.learned.regression_data import (
-    WORLD,
-    LiftedModel,
-    predictions,
-)
+from serp.model.learned.regression_data import WORLD, LiftedModel, predictions
 from serp.runs.diagnosis.findings import (
     EffectTerm,
     MissingEffect,

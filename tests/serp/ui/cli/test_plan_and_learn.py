@@ -86,10 +86,7 @@ def test_the_code_of_a_task_runs_only_where_the_user_has_run_it(run, robot, monk
 
 
 def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(run, robot):
-    broken = ROBOT.replace(
-        "make_env=Corridor",
-        "make_env=Broken",
-    ).replace(
+    broken = ROBOT.replace("make_env=Corridor", "make_env=Broken").replace(
         "def ground",
         "class Broken(Corridor):\n    def reset(self, **_):\n        1 / 0\n\n\ndef ground",
     )

@@ -49,10 +49,7 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run, ignorant):
 
 @pytest.mark.parametrize(
     ("name", "said"),
-    [
-        ("new.pddl", "new.pddl exists"),
-        ("new-problem.pddl", "new-problem.pddl exists"),
-    ],
+    [("new.pddl", "new.pddl exists"), ("new-problem.pddl", "new-problem.pddl exists")],
 )
 def test_nothing_is_replaced_unasked(run, ignorant, name, said):
     Path(name).write_text("mine", encoding="utf-8")
