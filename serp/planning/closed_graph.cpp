@@ -121,7 +121,7 @@ void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
         limit = std::min(limit, max_edges_);
         std::int64_t judged = JUDGED_FROM;
         while (judged <= graph_.edges()) judged *= 2;
-        while (!complete() && (graph_.expanded() < least || graph_.edges() < limit) &&
+        while (!complete() && (graph_.expanded() < least || work() < limit) &&
                graph_.bytes() < MAX_BYTES) {
             expand_node();
             if (graph_.edges() < judged) continue;
@@ -210,6 +210,12 @@ bool ClosedGraph::ends(const double* state) const {
     return node >= 0 && graph_.inside[node] && serp::ends(graph_, node);
 }
 
+std::int64_t ClosedGraph::work() const {
+    const std::int64_t edges = graph_.edges();
+    const std::int64_t tried = std::int64_t{graph_.expanded()} * model_.actions();
+    return std::max(edges, (8 * tried + edges * (64 + 3 * graph_.width)) / WORK);
+}
+
 bool ClosedGraph::spreads() const {
     const std::int64_t edges = graph_.edges(), expanded = graph_.expanded();
     return edges >= JUDGED_FROM && expanded * expanded >= edges &&
@@ -287,6 +293,9 @@ void bind_closed_graph(nb::module_& module) {
             "outcome of every step is followed.")
         .def_prop_ro("nodes", [](const ClosedGraph& self) { return self.graph().nodes(); })
         .def_prop_ro("edges", [](const ClosedGraph& self) { return self.graph().edges(); })
+        .def_prop_ro("work", &ClosedGraph::work,
+                     "How many edges take as long to follow as the graph took to grow; as many as "
+                     "it has, or more.")
         .def_prop_ro("complete", &ClosedGraph::complete,
                      "Whether everything that can be reached is in the graph.")
         .def_prop_ro("spreads", &ClosedGraph::spreads,

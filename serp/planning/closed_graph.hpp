@@ -30,7 +30,7 @@ public:
 
     /// Adds states [n, F] and what can be reached from them, breadth first, and solves the graph.
     /// Where it would become too large, the nodes with the most actions on the way to them are not
-    /// expanded. In an empty graph all of the states are. `limit`: most edges.
+    /// expanded. In an empty graph all of the states are. `limit`: most work.
     void grow(const double* states, int count, std::int64_t limit);
 
     void solve();
@@ -47,6 +47,9 @@ public:
     /// Where many actions are applicable, ways meet only after as many nodes.
     bool spreads() const;
 
+    /// Returns how many edges it takes as long to follow as the graph took to grow: at least its own,
+    /// more where most actions that are tried are not applicable, or states are long.
+    std::int64_t work() const;
     /// Returns whether everything that can be reached is in the graph.
     bool complete() const { return graph_.nodes() == graph_.expanded(); }
     /// Returns the most edges on the way to a node.

@@ -52,7 +52,7 @@ class ClosedGraph(_core.ClosedGraph):
 
         Args:
             states: The states. In an empty graph, all of these are expanded.
-            limit: Most edges of the graph.
+            limit: Most work, in edges, see `work`.
         """
         super().grow(np.array(states, ndmin=2), limit)
 

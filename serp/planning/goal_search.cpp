@@ -21,17 +21,13 @@
 
 #include "serp/_util/arrays.hpp"
 #include "serp/model/model.hpp"
-#include "serp/planning/hash_table.hpp"
-#include "serp/planning/preference.hpp"
+#include "serp/planning/graph.hpp"
 #include "serp/planning/relaxation.hpp"
 
 namespace serp {
 
 namespace {
 
-/// Updates of relaxed costs that take as long as an edge of a graph, about 2 µs. All other work is
-/// counted as so many updates as it was measured to take.
-constexpr std::int64_t WORK = 512;
 /// Most bytes of the nodes of a search.
 constexpr std::int64_t MAX_BYTES = 150'000'000;
 /// Bytes of a node beside its state.
@@ -312,7 +308,7 @@ int WaySearch::count_landmarks(const double* row, int parent) {
         landmark_ |= holds && !(word & bit);
         if (holds) word |= bit;
     }
-    work_ += 2 * count;
+    work_ += 4 * count;
     return left;
 }
 
