@@ -205,9 +205,7 @@ class FarSightPlanner:
             self._price, self._since, self._wait = work, 0, 0
         return forecast
 
-    def _around_way(
-        self, state: Vector, forecast: Forecast | None, limit: int
-    ) -> Forecast | None:
+    def _around_way(self, state: Vector, forecast: Forecast | None, limit: int) -> Forecast | None:
         """Grow the graph around a way to the goal; return its forecast.
 
         Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
@@ -234,20 +232,18 @@ class FarSightPlanner:
 
     def _plan(self) -> list[int]:
         """Return the actions that led to the goal from where the world was; empty: none did."""
-        plan: list[int] = []
+        plan: dict[bytes, int] = {}  # by states: a policy that comes to one again goes round
         state, model = self._before, self.model
-        passed = set[bytes]()  # a policy that comes to a state again goes round
-        while state is not None and len(plan) < _LONGEST and state.tobytes() not in passed:
-            passed.add(state.tobytes())
+        while state is not None and len(plan) < _LONGEST and state.tobytes() not in plan:
             forecast = self.graph.forecast(state)
             action = self.goal_search.toward(state) if forecast is None else forecast.choice
             if action < 0:
                 break
-            plan.append(action)
+            plan[state.tobytes()] = action
             outcome = model.step(state, action)
             state = outcome.state
             if outcome.terminal:
-                return plan if outcome.reward > 0.0 else []
+                return list(plan.values()) if outcome.reward > 0.0 else []
         return []
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:

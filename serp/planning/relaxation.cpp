@@ -163,7 +163,7 @@ double RelaxedCosts::total(int k, const double* state) const {
 /// Sets the costs of the facts that hold to 0, and puts them into the queue.
 void RelaxedCosts::begin(const double* state) {
     const int base = 2 * relaxation_.fluents_;
-    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(first_.size()) / 4;
+    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(first_.size()) / 2;
     std::fill(cost_.begin(), cost_.end(), INFINITE);
     std::fill(by_.begin(), by_.end(), -1);
     for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
@@ -187,10 +187,10 @@ RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
         const auto [cost, fact] = queue_.front();
         std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
         queue_.pop_back();
-        updates_ += 12;
+        updates_ += 16;
         if (cost > cost_[fact]) continue;
         goals -= is_goal[fact];
-        updates_ += static_cast<std::int64_t>(relaxation_.users_[fact].size()) / 2;
+        updates_ += static_cast<std::int64_t>(relaxation_.users_[fact].size());
         for (const int user : relaxation_.users_[fact]) {
             needs_[user].sum += cost;
             if (--needs_[user].missing == 0) apply(user);

@@ -149,7 +149,7 @@ def roads(random, places):
     return load_texts(Texts(domain, problem)).model
 
 
-@pytest.mark.parametrize("kind", range(3))
+@pytest.mark.parametrize("kind", range(4))
 def test_a_way_begins_where_the_world_is_though_it_was_there_before(kind):
     """What the tree knew of its first root does not count when that is the root again."""
     for seed in range(40):
@@ -259,7 +259,7 @@ def test_what_leads_outside_of_tables_or_states_is_refused():
         (tables, [], 0, np.zeros(3)),
         (tables, [4], 0, np.zeros(4)),
         (tables, [-1], 0, np.zeros(4)),
-        (tables, [], 4, np.zeros(4)),
+        (tables, [], 5, np.zeros(4)),
         (tables, [], -1, np.zeros(4)),
         (Relaxation(4, [], [([], 1.0, [], 9)], []), [], 0, np.zeros(4)),
     ):
