@@ -171,16 +171,15 @@ class FarSightPlanner:
         """Grow the closed graph, or the graph around a way to the goal; return its forecast."""
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
         least = np.inf if self._new_episode else self.goal_search.least
-        self._new_episode, work = False, 0
+        self._new_episode = False
         plan = self._plan() if self.goal_search.goal else []
-        if plan:
-            way = self.goal_search.way(state, _MENDED, plan)
-            work = self.goal_search.steps
-            if way is not None:
-                forecast = self._beside(way, state)
-                self._since, self._wait = 0, 0
-                self._saved = max(self._saved, 0) - work - graph.work
-                return forecast
+        way = self.goal_search.way(state, _MENDED, plan) if plan else None
+        work = self.goal_search.steps if plan else 0
+        if way is not None:
+            forecast = self._beside(way, state)
+            self._since, self._wait = 0, 0
+            self._saved = max(self._saved, 0) - work - graph.work
+            return forecast
         if not graph.complete:
             graph.clear()
         while True:
@@ -194,33 +193,28 @@ class FarSightPlanner:
         # In a symbolic domain a graph spreads where many actions are applicable in any order.
         hopeless = graph.spreads and not self._symbolic(state)
         if self.goal_search.goal and not (graph.complete or hopeless or graph.ends(state)):
-            forecast = self._around_way(state, forecast, _MOST_WORK - work)
-            work += self.goal_search.steps + graph.work
+            way = self.goal_search.way(state, _MOST_WORK - work)
+            work += self.goal_search.steps
+            if way is not None:
+                forecast = self._beside(way, state)
+                work += graph.work
+            elif forecast is not None and forecast.value[forecast.choice] <= 0.0:
+                graph.clear()  # a policy that stays inside and gains nothing
+                forecast = None
         self._saved = max(self._saved, 0) - work
-        if forecast is None and self.goal_search.least < least:  # that earns the next search
-            self._price, self._since, self._wait = limit, 0, 0
-        elif forecast is None:
-            self._price, self._wait = limit, _PATIENCE * max(1, self._wait)
+        self._price = limit if forecast is None else work
+        if forecast is not None or self.goal_search.least < least:  # that earns the next search
+            self._since, self._wait = 0, 0
         else:
-            self._price, self._since, self._wait = work, 0, 0
+            self._wait = _PATIENCE * max(1, self._wait)
         return forecast
 
-    def _around_way(self, state: Vector, forecast: Forecast | None, limit: int) -> Forecast | None:
-        """Grow the graph around a way to the goal; return its forecast.
-
-        Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
-        Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
-        """
-        way = self.goal_search.way(state, limit)
-        if way is None:
-            if forecast is None or forecast.value[forecast.choice] > 0.0:
-                return forecast
-            self.graph.clear()  # a policy that stays inside and gains nothing
-            return None
-        return self._beside(way, state)
-
     def _beside(self, way: Vector, state: Vector) -> Forecast | None:
-        """Grow the graph around a way and return its forecast; None where the way is followed."""
+        """Grow the graph around a way and return its forecast; None where the way is followed.
+
+        Its values are those of the best policy in the neighbourhood of the way (Nakhost & Müller,
+        "Action elimination and plan neighborhood graph search", ICAPS 2010).
+        """
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)

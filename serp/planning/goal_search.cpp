@@ -98,10 +98,10 @@ public:
     WaySearch(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
               std::vector<std::int64_t> numbers, double accepted_risk, Kind kind)
         : kind_(kind), lazy_(kind == LAZY || kind == LANDMARKS), model_(model),
-          stepper_(model.stepper()), width_(model.fluents()), bits_((width_ + 63) / 64), size_(bits_ + numbers.size()), inert_(std::move(inert)),
-          numbers_(std::move(numbers)), accepted_risk_(accepted_risk), costs_(relaxation),
-          atoms_(width_ + numbers_.size()), helpful_(model.actions()), source_(width_),
-          target_(width_ + 1), packed_(size_) {}
+          stepper_(model.stepper()), width_(model.fluents()), bits_((width_ + 63) / 64),
+          size_(bits_ + numbers.size()), inert_(std::move(inert)), numbers_(std::move(numbers)),
+          accepted_risk_(accepted_risk), costs_(relaxation), atoms_(width_ + numbers_.size()),
+          helpful_(model.actions()), source_(width_), target_(width_ + 1), packed_(size_) {}
 
     /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
     /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
@@ -547,8 +547,8 @@ void bind_goal_search(nb::module_& module) {
              nb::arg("numbers"), nb::arg("accepted_risk"), nb::arg("kind"),
              nb::keep_alive<0, 2>(), nb::keep_alive<0, 3>(),  // of __new__, whose first one is the class
              "Fluents `inert` become 0 in all states; all others but `numbers` are 0 or 1. The "
-             "search is by novelty (`kind` 0), by relaxed cost (1), lazy (2), also by landmarks (3), or "
-             "mends a way (4).")
+             "search is by novelty (`kind` 0), relaxed cost (1), lazy (2), lazy and by landmarks (3), "
+             "or mends a way (4).")
         .def("search", [](WaySearch& self, const State& state, std::int64_t limit)
                 -> std::pair<std::int64_t, std::optional<Array<double>>> {
                 const auto [followed, found] = self.search(state_of(state, self.fluents()), limit);

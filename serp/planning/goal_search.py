@@ -375,9 +375,8 @@ class GoalSearch:
     @property
     def least(self) -> float:
         """The least relaxed cost of the states that the newest search reached."""
-        return (
-            min((tree.least for tree in self._grown()), default=np.inf) if self._calls else np.inf
-        )
+        trees = self._grown() if self._calls else []
+        return min((tree.least for tree in trees), default=np.inf)
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly: the searches to do again."""
