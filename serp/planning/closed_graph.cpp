@@ -83,9 +83,9 @@ double largest_of(const std::vector<double>& numbers) {
 
 }  // namespace
 
-ClosedGraph::ClosedGraph(const Model& model, Preferences preferences, std::int64_t max_edges)
-    : model_(model), stepper_(model.stepper()), preferences_(preferences), max_edges_(max_edges),
-      source_(model.fluents()), rows_(OUTCOMES * (model.fluents() + std::size_t{3})) {
+ClosedGraph::ClosedGraph(const Model& model, Preferences preferences)
+    : model_(model), stepper_(model.stepper()), preferences_(preferences), source_(model.fluents()),
+      rows_(OUTCOMES * (model.fluents() + std::size_t{3})) {
     clear({});
 }
 
@@ -118,10 +118,9 @@ void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
             for (const std::int64_t column : inert_) rows_[column] = 0.0;
             index_.find_or_add(graph_, rows_.data(), 0);
         }
-        limit = std::min(limit, max_edges_);
         std::int64_t judged = JUDGED_FROM;
         while (judged <= graph_.edges()) judged *= 2;
-        while (!complete() && (graph_.expanded() < least || graph_.edges() < limit) &&
+        while (!complete() && (graph_.expanded() < least || work() < limit) &&
                graph_.bytes() < MAX_BYTES) {
             expand_node();
             if (graph_.edges() < judged) continue;
@@ -210,6 +209,12 @@ bool ClosedGraph::ends(const double* state) const {
     return node >= 0 && graph_.inside[node] && serp::ends(graph_, node);
 }
 
+std::int64_t ClosedGraph::work() const {
+    const std::int64_t edges = graph_.edges();
+    const std::int64_t tried = std::int64_t{graph_.expanded()} * model_.actions();
+    return std::max(edges, (8 * tried + edges * (64 + 3 * graph_.width)) / WORK);
+}
+
 bool ClosedGraph::spreads() const {
     const std::int64_t edges = graph_.edges(), expanded = graph_.expanded();
     return edges >= JUDGED_FROM && expanded * expanded >= edges &&
@@ -266,10 +271,9 @@ void bind_closed_graph(nb::module_& module) {
     nb::class_<ClosedGraph>(
         module, "ClosedGraph", "All states that can be reached, and the best action in each.")
         .def("__init__", [](ClosedGraph* self, const Model& model, double discount,
-                            double accepted_risk, std::int64_t max_edges) {
-                new (self) ClosedGraph(model, {discount, accepted_risk}, max_edges);
-            }, nb::arg("model"), nb::arg("discount"), nb::arg("accepted_risk"),
-            nb::arg("max_edges"), nb::keep_alive<1, 2>())
+                            double accepted_risk) {
+                new (self) ClosedGraph(model, {discount, accepted_risk});
+            }, nb::arg("model"), nb::arg("discount"), nb::arg("accepted_risk"), nb::keep_alive<1, 2>())
         .def("begin", [](ClosedGraph& self, const In<std::int64_t, nb::ndim<1>>& inert) {
                 self.clear(vector_of(inert));
             }, nb::arg("inert"), "Forget all nodes; `inert` are fluents that make no difference.")
@@ -287,6 +291,8 @@ void bind_closed_graph(nb::module_& module) {
             "outcome of every step is followed.")
         .def_prop_ro("nodes", [](const ClosedGraph& self) { return self.graph().nodes(); })
         .def_prop_ro("edges", [](const ClosedGraph& self) { return self.graph().edges(); })
+        .def_prop_ro("work", &ClosedGraph::work,
+                     "Edges that take as long to follow as the graph took to grow.")
         .def_prop_ro("complete", &ClosedGraph::complete,
                      "Whether everything that can be reached is in the graph.")
         .def_prop_ro("spreads", &ClosedGraph::spreads,

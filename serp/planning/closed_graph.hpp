@@ -17,8 +17,8 @@ namespace serp {
 /// Values of inert fluents make no difference; they are 0 in all states of the graph.
 class ClosedGraph {
 public:
-    /// The model must outlive the graph, which has at most `max_edges` edges.
-    ClosedGraph(const Model& model, Preferences preferences, std::int64_t max_edges);
+    /// The model must outlive the graph.
+    ClosedGraph(const Model& model, Preferences preferences);
 
     /// Forgets all nodes. `inert` are columns of fluents; a std::invalid_argument says that one is
     /// not there.
@@ -30,7 +30,7 @@ public:
 
     /// Adds states [n, F] and what can be reached from them, breadth first, and solves the graph.
     /// Where it would become too large, the nodes with the most actions on the way to them are not
-    /// expanded. In an empty graph all of the states are. `limit`: most edges.
+    /// expanded. In an empty graph all of the states are. `limit`: most work.
     void grow(const double* states, int count, std::int64_t limit);
 
     void solve();
@@ -47,6 +47,8 @@ public:
     /// Where many actions are applicable, ways meet only after as many nodes.
     bool spreads() const;
 
+    /// Returns the edges that take as long to follow as the graph took to grow; its own or more.
+    std::int64_t work() const;
     /// Returns whether everything that can be reached is in the graph.
     bool complete() const { return graph_.nodes() == graph_.expanded(); }
     /// Returns the most edges on the way to a node.
@@ -63,7 +65,6 @@ private:
     const Model& model_;
     const std::unique_ptr<Stepper> stepper_;
     const Preferences preferences_;
-    const std::int64_t max_edges_;
     Graph graph_;
     StateIndex index_;
     std::vector<std::int64_t> inert_;

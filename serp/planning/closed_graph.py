@@ -30,13 +30,10 @@ class ClosedGraph(_core.ClosedGraph):
     Args:
         model: The transition model.
         settings: Discount and accepted risk.
-        max_edges: Most edges.
     """
 
-    def __init__(
-        self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
-    ) -> None:
-        super().__init__(model.core, settings.discount, settings.accepted_risk, max_edges)
+    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
+        super().__init__(model.core, settings.discount, settings.accepted_risk)
         self._model = model
         self.clear()
 
@@ -52,7 +49,7 @@ class ClosedGraph(_core.ClosedGraph):
 
         Args:
             states: The states. In an empty graph, all of these are expanded.
-            limit: Most edges of the graph.
+            limit: Most work, in edges, see `work`.
         """
         super().grow(np.array(states, ndmin=2), limit)
 

@@ -33,8 +33,8 @@ _SMALL_GRAPH: Final = 20_000
 _PATIENCE: Final = 4
 """After a search that found no way, the next one comes after so many times as many decisions, with
 so many times as many edges."""
-_ATTEMPTS: Final = 4
-"""So many times as much work is done before a way that may lead elsewhere is followed."""
+_MOST_WORK: Final = 4 * MAX_EDGES
+"""Most steps of the model of a decision; so many take about four seconds."""
 _MENDED: Final = 20_000
 """Most steps of the model to find a way back to one that was left."""
 _LONGEST: Final = 2_000
@@ -171,19 +171,21 @@ class FarSightPlanner:
         """Grow the closed graph, or the graph around a way to the goal; return its forecast."""
         graph, limit = self.graph, min(_SMALL_GRAPH * max(1, self._wait), MAX_EDGES)
         least = np.inf if self._new_episode else self.goal_search.least
-        self._new_episode, edges = False, 0
+        self._new_episode = False
         plan = self._plan() if self.goal_search.goal else []
-        if plan and (way := self.goal_search.way(state, _MENDED, plan)) is not None:
+        way = self.goal_search.way(state, _MENDED, plan) if plan else None
+        work = self.goal_search.steps if plan else 0
+        if way is not None:
             forecast = self._beside(way, state)
             self._since, self._wait = 0, 0
-            self._saved = max(self._saved, 0) - self.goal_search.steps - graph.edges
+            self._saved = max(self._saved, 0) - work - graph.work
             return forecast
         if not graph.complete:
             graph.clear()
         while True:
-            before = graph.edges
+            before = graph.work
             graph.grow(state, limit)
-            edges += graph.edges - before
+            work += graph.work - before
             forecast = graph.forecast(state)
             if forecast is not None or before == 0:
                 break
@@ -191,39 +193,28 @@ class FarSightPlanner:
         # In a symbolic domain a graph spreads where many actions are applicable in any order.
         hopeless = graph.spreads and not self._symbolic(state)
         if self.goal_search.goal and not (graph.complete or hopeless or graph.ends(state)):
-            forecast = self._around_way(state, forecast)
-            edges += self.goal_search.steps + graph.edges
-        self._saved = max(self._saved, 0) - edges
-        if forecast is None and self.goal_search.least < least:  # that earns the next search
-            self._price, self._since, self._wait = limit, 0, 0
-        elif forecast is None:
-            self._price, self._wait = limit, _PATIENCE * max(1, self._wait)
+            way = self.goal_search.way(state, _MOST_WORK - work)
+            work += self.goal_search.steps
+            if way is not None:
+                forecast = self._beside(way, state)
+                work += graph.work
+            elif forecast is not None and forecast.value[forecast.choice] <= 0.0:
+                graph.clear()  # a policy that stays inside and gains nothing
+                forecast = None
+        self._saved = max(self._saved, 0) - work
+        self._price = limit if forecast is None else work
+        if forecast is not None or self.goal_search.least < least:  # that earns the next search
+            self._since, self._wait = 0, 0
         else:
-            self._price, self._since, self._wait = edges, 0, 0
+            self._wait = _PATIENCE * max(1, self._wait)
         return forecast
 
-    def _around_way(self, state: Vector, forecast: Forecast | None) -> Forecast | None:
-        """Grow the graph around a way to the goal; return its forecast.
-
-        Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
-        Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
-        """
-        search, edges = self.goal_search, 0
-        for _ in range(_ATTEMPTS):
-            way = search.way(state, MAX_EDGES)
-            edges += search.steps
-            if way is not None or search.steps < MAX_EDGES:
-                break
-        search.steps = edges
-        if way is None:
-            if forecast is None or forecast.value[forecast.choice] > 0.0:
-                return forecast
-            self.graph.clear()  # a policy that stays inside and gains nothing
-            return None
-        return self._beside(way, state)
-
     def _beside(self, way: Vector, state: Vector) -> Forecast | None:
-        """Grow the graph around a way and return its forecast; None where the way is followed."""
+        """Grow the graph around a way and return its forecast; None where the way is followed.
+
+        Its values are those of the best policy in the neighbourhood of the way (Nakhost & Müller,
+        "Action elimination and plan neighborhood graph search", ICAPS 2010).
+        """
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)
@@ -235,18 +226,18 @@ class FarSightPlanner:
 
     def _plan(self) -> list[int]:
         """Return the actions that led to the goal from where the world was; empty: none did."""
-        plan: list[int] = []
+        plan: dict[bytes, int] = {}  # by states: a policy that comes to one again goes round
         state, model = self._before, self.model
-        while state is not None and len(plan) < _LONGEST:
+        while state is not None and len(plan) < _LONGEST and state.tobytes() not in plan:
             forecast = self.graph.forecast(state)
             action = self.goal_search.toward(state) if forecast is None else forecast.choice
             if action < 0:
                 break
-            plan.append(action)
+            plan[state.tobytes()] = action
             outcome = model.step(state, action)
             state = outcome.state
             if outcome.terminal:
-                return plan if outcome.reward > 0.0 else []
+                return list(plan.values()) if outcome.reward > 0.0 else []
         return []
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:

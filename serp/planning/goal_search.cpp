@@ -21,17 +21,13 @@
 
 #include "serp/_util/arrays.hpp"
 #include "serp/model/model.hpp"
-#include "serp/planning/hash_table.hpp"
-#include "serp/planning/preference.hpp"
+#include "serp/planning/graph.hpp"
 #include "serp/planning/relaxation.hpp"
 
 namespace serp {
 
 namespace {
 
-/// Updates of relaxed costs that take as long as an edge of a graph, about 2 µs. All other work is
-/// counted as so many updates as it was measured to take.
-constexpr std::int64_t WORK = 512;
 /// Most bytes of the nodes of a search.
 constexpr std::int64_t MAX_BYTES = 150'000'000;
 /// Bytes of a node beside its state.
@@ -90,22 +86,22 @@ private:
     std::vector<Digest> words_ = std::vector<Digest>(std::size_t{1} << (BITS - 6));
 };
 
-/// How a search goes: by novelty; by relaxed cost; or by the cost of the relaxed plan of the state
+/// How a search goes: by novelty; by relaxed cost; by the cost of the relaxed plan of the state
 /// before, so that a state is evaluated when its turn comes (lazy greedy search: Richter & Westphal,
-/// JAIR 2010); or breadth first to a state from which the actions of a way lead to the goal, without
-/// those that are not applicable.
-enum Kind : std::int64_t { NOVEL, GREEDY, LAZY, MEND, KINDS };
+/// JAIR 2010); by that and by landmarks in turns; or breadth first to a state from which the actions
+/// of a way lead to the goal, without those that are not applicable.
+enum Kind : std::int64_t { NOVEL, GREEDY, LAZY, LANDMARKS, MEND, KINDS };
 
 /// A search for a way to the goal that can be gone on with while the world follows it.
 class WaySearch {
 public:
     WaySearch(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
               std::vector<std::int64_t> numbers, double accepted_risk, Kind kind)
-        : kind_(kind), model_(model), stepper_(model.stepper()), width_(model.fluents()),
-          bits_((width_ + 63) / 64), size_(bits_ + numbers.size()), inert_(std::move(inert)),
-          numbers_(std::move(numbers)), accepted_risk_(accepted_risk), costs_(relaxation),
-          atoms_(width_ + numbers_.size()), helpful_(model.actions()), source_(width_),
-          target_(width_ + 1), packed_(size_) {}
+        : kind_(kind), lazy_(kind == LAZY || kind == LANDMARKS), model_(model),
+          stepper_(model.stepper()), width_(model.fluents()), bits_((width_ + 63) / 64),
+          size_(bits_ + numbers.size()), inert_(std::move(inert)), numbers_(std::move(numbers)),
+          accepted_risk_(accepted_risk), costs_(relaxation), atoms_(width_ + numbers_.size()),
+          helpful_(model.actions()), source_(width_), target_(width_ + 1), packed_(size_) {}
 
     /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
     /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
@@ -151,6 +147,7 @@ private:
     int count_landmarks(const double* row, int parent);
 
     const Kind kind_;
+    const bool lazy_;
     const Model& model_;
     const std::unique_ptr<Stepper> stepper_;
     int width_;
@@ -167,7 +164,7 @@ private:
     std::vector<float> cost_;           ///< [N] relaxed cost of the node, or of its parent
     std::vector<std::int32_t> left_;    ///< [N] conditions of the goal, or landmarks, that it lacks
     std::vector<std::uint8_t> done_;    ///< [N] whether the node is expanded
-    Landmarks landmarks_;               ///< of the first root, in the lazy search
+    Landmarks landmarks_;               ///< of the first root
     std::size_t words_ = 0;
     std::vector<std::uint64_t> marks_;  ///< [N * words] bits of the landmarks that were true before
     /// Of all nodes, and of those that a helpful action leads to, by cost; then by landmarks.
@@ -229,7 +226,7 @@ void WaySearch::enter(const double* row) {
     states_.clear(), parent_.clear(), action_.clear(), known_.clear(), cost_.clear();
     left_.clear(), done_.clear(), marks_.clear();
     queues_.fill(Queue(kind_ == GREEDY));
-    if (kind_ == LAZY) landmarks_ = costs_.landmarks(row, work_);
+    if (kind_ == LANDMARKS) landmarks_ = costs_.landmarks(row, work_);
     words_ = (landmarks_.facts.size() + 63) / 64;
     if (kind_ == NOVEL) seen_.emplace();
     root_ = 0, roots_ = 1, best_ = -1, goal_ = -1, full_ = false, fresh_ = true;
@@ -271,7 +268,7 @@ bool WaySearch::add(double* row, int parent, int action) {
     states_.insert(states_.end(), packed_.begin(), packed_.end());
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
     left_.push_back(kind_ == NOVEL ? costs_.lacking(row) : count_landmarks(row, parent));
-    if (kind_ == LAZY || kind_ == MEND)
+    if (lazy_ || kind_ == MEND)
         cost_.push_back(parent < 0 ? 0.0f : cost_[parent] + (kind_ == MEND));
     else
         cost_.push_back(evaluate(row));
@@ -290,7 +287,7 @@ void WaySearch::open(int node) {
     if (helped) queues_[1].append(cost_[node], node);
     if (words_) queues_[2].append(left_[node], node);
     if (words_ && helped) queues_[3].append(left_[node], node);
-    if (kind_ != LAZY) improve(node);
+    if (!lazy_) improve(node);
 }
 
 /// Appends to `marks_` the landmarks that were true on the way to a new node, and returns how many
@@ -312,7 +309,7 @@ int WaySearch::count_landmarks(const double* row, int parent) {
         landmark_ |= holds && !(word & bit);
         if (holds) word |= bit;
     }
-    work_ += 2 * count;
+    work_ += 4 * count;
     return left;
 }
 
@@ -320,7 +317,7 @@ int WaySearch::count_landmarks(const double* row, int parent) {
 void WaySearch::improve(int node) {
     const bool nearer = left_[node] < least_left_;
     least_left_ = std::min(least_left_, left_[node]);
-    if (kind_ == LAZY && node != root_ && (nearer || cost_[node] < least_))
+    if (lazy_ && node != root_ && (nearer || cost_[node] < least_))
         for (const int k : {1, 3}) queues_[k].turns -= BOOST;
     if (cost_[node] >= least_) return;
     least_ = cost_[node];
@@ -358,7 +355,7 @@ bool WaySearch::expand(int node) {
     if (kind_ != MEND) {
         const float cost = evaluate(source_.data());
         const auto plan = static_cast<float>(costs_.relaxed_plan(helpful_));
-        cost_[node] = kind_ == LAZY && cost < std::numeric_limits<float>::infinity() ? plan : cost;
+        cost_[node] = lazy_ && cost < std::numeric_limits<float>::infinity() ? plan : cost;
     }
     const bool alive = cost_[node] < std::numeric_limits<float>::infinity();
     if (!alive && node != root_) return false;  // from the root every action is tried
@@ -376,7 +373,7 @@ bool WaySearch::expand(int node) {
             return true;
         }
     }
-    if (kind_ == LAZY && goes_on && alive) improve(node);
+    if (lazy_ && goes_on && alive) improve(node);
     if (!goes_on && node == best_) best_ = -1;
     return false;
 }
@@ -550,7 +547,8 @@ void bind_goal_search(nb::module_& module) {
              nb::arg("numbers"), nb::arg("accepted_risk"), nb::arg("kind"),
              nb::keep_alive<0, 2>(), nb::keep_alive<0, 3>(),  // of __new__, whose first one is the class
              "Fluents `inert` become 0 in all states; all others but `numbers` are 0 or 1. The "
-             "search is by novelty (`kind` 0), by relaxed cost (1), lazy (2), or mends a way (3).")
+             "search is by novelty (`kind` 0), relaxed cost (1), lazy (2), lazy and by landmarks (3), "
+             "or mends a way (4).")
         .def("search", [](WaySearch& self, const State& state, std::int64_t limit)
                 -> std::pair<std::int64_t, std::optional<Array<double>>> {
                 const auto [followed, found] = self.search(state_of(state, self.fluents()), limit);

@@ -1,19 +1,19 @@
 """The search for a way to the goal where not everything that can be reached can be followed.
 
-Three searches share the work, because none solves what the others do. In one, those states come
-first that have new values, or pairs of values, among the states that lack as many conditions of the
-goal (best-first width search: Lipovetzky & Geffner, AAAI 2017); in another those of the least
-relaxed cost. The third goes by the cost of the relaxed plan of the state before, and evaluates a
-state only when its turn comes; in turns with that it goes by the landmarks that were not true on
-the way, the facts that every relaxed plan makes true (lazy greedy search: Richter & Westphal,
- "The LAMA planner", JAIR 2010). In all, every other state is one that a helpful action
-leads to, one that begins a relaxed plan (Hoffmann & Nebel, JAIR 2001); the lazy search takes many
-of these after each progress. They search in rounds of twice as much work, each as much as the
-others. The shortest of the ways that a round finds is taken, without the actions that the goal does
-not need. Where the world has left a way, a fourth search goes breadth first to a state from which
-its actions lead to the goal. Searches that have found no way lead to the state of the least relaxed
-cost, and go on from there with the states that they know. States from which even the relaxed goal
-is out of reach are dead ends, and no way leads there.
+Four searches share the work, because none solves what the others do (Röger & Helmert, "The more,
+the merrier", ICAPS 2010). In one, those states come first that have new values, or pairs of values,
+among the states that lack as many conditions of the goal (best-first width search: Lipovetzky &
+Geffner, AAAI 2017); in another those of the least relaxed cost. Two go by the cost of the relaxed
+plan of the state before, and evaluate a state only when its turn comes. One of these goes in turns
+by the landmarks that were not true on the way, the facts that every relaxed plan makes true (lazy
+greedy search: Richter & Westphal, "The LAMA planner", JAIR 2010). In all, every other state is one
+that a helpful action leads to, one that begins a relaxed plan (Hoffmann & Nebel, JAIR 2001); lazy
+searches take many of these after each progress. They search in rounds of twice as much work, each
+as much as the others. The shortest of the ways that a round finds is taken, without the actions
+that the goal does not need. Where the world has left a way, a fifth search goes breadth first to a
+state from which its actions lead to the goal. Searches that have found no way lead to the state of
+the least relaxed cost, and go on from there with the states that they know. States from which even
+the relaxed goal is out of reach are dead ends, and no way leads there.
 
 The relaxed domain is what every action can make true at best, deletions ignored. Conditions become
 facts: that a predicate is true, that it is false, that a linear comparison holds. An operator makes
@@ -46,11 +46,11 @@ _EVENT: Final = 2.0**-20
 _MINUS: Final = Fraction(-1)
 _NEVER: Final = Linear({}, _MINUS)
 _NO_CHANGE: Final = Linear({}, Fraction(0))
-_KINDS: Final = (2, 0, 1)
+_KINDS: Final = (3, 2, 0, 1)
 """The searches, see `WaySearch`, in their order."""
 _FIRST: Final = 5_000
 """Edges that each search follows in the first round; twice as many in every further one."""
-_MEND: Final = 3
+_MEND: Final = 4
 """The search that mends a way, see `WaySearch`."""
 _LEVELS: Final = 2
 """Sums that are added to sums that are added to sums of conditions are followed so far."""
@@ -375,9 +375,8 @@ class GoalSearch:
     @property
     def least(self) -> float:
         """The least relaxed cost of the states that the newest search reached."""
-        return (
-            min((tree.least for tree in self._grown()), default=np.inf) if self._calls else np.inf
-        )
+        trees = self._grown() if self._calls else []
+        return min((tree.least for tree in trees), default=np.inf)
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly: the searches to do again."""

@@ -141,8 +141,11 @@ void RelaxedCosts::lower(int fact, double cost, int its_operator) {
 /// Lowers the costs of what an operator makes true.
 void RelaxedCosts::apply(int its_operator) {
     const double sum = needs_[its_operator].sum, cost = relaxation_.cost_[its_operator];
-    for (const int fact : relaxation_.adds_[its_operator]) lower(fact, sum + cost, its_operator);
-    for (const Relaxation::Addition& addition : relaxation_.gains_[its_operator]) {
+    const auto adds = relaxation_.adds_[its_operator];
+    const auto gains = relaxation_.gains_[its_operator];
+    updates_ += 2 * static_cast<std::int64_t>(adds.size() + gains.size());
+    for (const int fact : adds) lower(fact, sum + cost, its_operator);
+    for (const Relaxation::Addition& addition : gains) {
         const int fact = std::get<0>(addition);
         const double gain = gain_of(addition), gap = gap_[fact - 2 * relaxation_.fluents_];
         const double times = gain > 0.0 ? std::max(1.0, std::ceil(gap / gain)) : 1.0;
@@ -160,6 +163,7 @@ double RelaxedCosts::total(int k, const double* state) const {
 /// Sets the costs of the facts that hold to 0, and puts them into the queue.
 void RelaxedCosts::begin(const double* state) {
     const int base = 2 * relaxation_.fluents_;
+    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(first_.size()) / 2;
     std::fill(cost_.begin(), cost_.end(), INFINITE);
     std::fill(by_.begin(), by_.end(), -1);
     for (int i = 0; i < relaxation_.fluents_; ++i) cost_[2 * i + (state[i] != 0.0)] = 0.0;
@@ -177,16 +181,16 @@ void RelaxedCosts::begin(const double* state) {
 
 RelaxedCosts::Estimate RelaxedCosts::estimate(const double* state) {
     begin(state);
-    updates_ = relaxation_.facts_ + static_cast<std::int64_t>(needs_.size());
     const auto& is_goal = relaxation_.is_goal_;
     auto goals = std::count(is_goal.begin(), is_goal.end(), 1);
     while (!queue_.empty() && goals > 0) {  // the least cost first: it is final (Dijkstra)
         const auto [cost, fact] = queue_.front();
         std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
         queue_.pop_back();
+        updates_ += 16;
         if (cost > cost_[fact]) continue;
         goals -= is_goal[fact];
-        updates_ += 4 * static_cast<std::int64_t>(relaxation_.users_[fact].size());
+        updates_ += static_cast<std::int64_t>(relaxation_.users_[fact].size());
         for (const int user : relaxation_.users_[fact]) {
             needs_[user].sum += cost;
             if (--needs_[user].missing == 0) apply(user);

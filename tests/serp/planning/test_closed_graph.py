@@ -109,8 +109,8 @@ def test_values_and_risks_are_those_of_plain_sweeps(seed):
 def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed):
     model = worlds.world(seed)
     for start in worlds.states_of(model, Random(seed), 5):
-        graph = ClosedGraph(model, SETTINGS, max_edges=600)
-        graph.grow(start)
+        graph = ClosedGraph(model, SETTINGS)
+        graph.grow(start, 600)
         found, near = graph.forecast(start), Lookahead(model, SETTINGS).forecast(start)
         if found is not None:
             assert found.flags.tolist() == near.flags.tolist()

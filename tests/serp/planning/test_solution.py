@@ -83,7 +83,7 @@ def solved(of, discount, accepted):
     outcomes = [outcome for edge in edges for outcome in edge.outcomes]
     nodes, zeros = len(of), np.zeros(len(of))
     marks = np.zeros(nodes, np.uint8)
-    graph = _core.ClosedGraph(MODEL.core, discount, accepted, 1_000)
+    graph = _core.ClosedGraph(MODEL.core, discount, accepted)
     graph.restore({
         "states": np.arange(float(nodes)), "layer": np.zeros(nodes, np.int32),
         "undefined": marks, "value": zeros, "risk": zeros, "steps": np.zeros(nodes, np.int64),
