@@ -18,10 +18,9 @@ namespace serp {
 
 namespace {
 
-constexpr double FAR = 1e9;
-
 /// Returns the bin of a number; NaN lies in the lowest one.
 std::int64_t bin_of(double number, double low, double scale) {
+    constexpr double FAR = 1e9;
     const double place = std::floor((number - low) * scale);
     return static_cast<std::int64_t>(place > -FAR ? std::min(place, FAR) : -FAR);
 }

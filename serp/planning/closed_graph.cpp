@@ -12,7 +12,7 @@ namespace serp {
 namespace {
 
 /// Most bytes of the columns of a graph; up to twice as many are reserved.
-constexpr std::size_t MAX_BYTES = 200'000'000;
+constexpr std::size_t GRAPH_BYTES = 200'000'000;
 /// Expansion ends if, after so many edges, this fraction of them leads to new states.
 constexpr int JUDGED_FROM = 512;
 constexpr double NEVER_MET = 0.98;
@@ -53,7 +53,7 @@ void check_rises(const std::vector<std::int32_t>& first, int end, const char* na
 
 /// Throws where a column of a graph does not fit the others.
 void check(const Graph& of, int actions) {
-    if (of.bytes() > 2 * MAX_BYTES) refuse("it is too large");
+    if (of.bytes() > 2 * GRAPH_BYTES) refuse("it is too large");
     for_each_column(of, actions, [](const std::string& name, const auto& column,
                                     std::size_t length, double low, double high) {
         if (column.size() != length)
@@ -112,7 +112,7 @@ void ClosedGraph::restore(Graph&& graph) {
 void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
     const int least = graph_.nodes() ? 0 : count;
     try {
-        for (int k = 0; k < count && graph_.bytes() < MAX_BYTES; ++k) {
+        for (int k = 0; k < count && graph_.bytes() < GRAPH_BYTES; ++k) {
             std::copy_n(states + static_cast<std::size_t>(k) * graph_.width, graph_.width,
                         rows_.data());
             for (const std::int64_t column : inert_) rows_[column] = 0.0;
@@ -121,7 +121,7 @@ void ClosedGraph::grow(const double* states, int count, std::int64_t limit) {
         std::int64_t judged = JUDGED_FROM;
         while (judged <= graph_.edges()) judged *= 2;
         while (!complete() && (graph_.expanded() < least || work() < limit) &&
-               graph_.bytes() < MAX_BYTES) {
+               graph_.bytes() < GRAPH_BYTES) {
             expand_node();
             if (graph_.edges() < judged) continue;
             if (graph_.expanded() >= least && spreads()) break;
@@ -227,7 +227,7 @@ namespace {
 
 using State = In<double, nb::ndim<1>>;
 
-nb::dict columns_of(const ClosedGraph& closed) {
+nb::dict graph_columns(const ClosedGraph& closed) {
     const Graph& of = closed.graph();
     nb::dict columns;
     const auto add = [&columns](const char* name, auto numbers, auto...) {
@@ -301,7 +301,7 @@ void bind_closed_graph(nb::module_& module) {
         .def_prop_ro("largest", [](const ClosedGraph& self) {
                 return largest_of(self.graph().states);
             }, "Largest magnitude of a number in all states.")
-        .def("columns", &columns_of,
+        .def("columns", &graph_columns,
              nb::sig("def columns(self) -> dict[str, numpy.typing.NDArray[typing.Any]]"),
              "Return copies of all columns.")
         .def("restore", &restore, nb::arg("columns"),

@@ -29,7 +29,7 @@ namespace serp {
 namespace {
 
 /// Most bytes of the nodes of a search.
-constexpr std::int64_t MAX_BYTES = 150'000'000;
+constexpr std::int64_t SEARCH_BYTES = 150'000'000;
 /// Bytes of a node beside its state.
 constexpr std::int64_t NODE_BYTES = 128;
 /// Most pairs of values of a state that are looked at.
@@ -462,7 +462,7 @@ std::pair<std::int64_t, bool> WaySearch::search(const double* row, std::int64_t 
     enter(row);
     const auto bytes = NODE_BYTES + static_cast<std::int64_t>(8 * (words_ + size_));
     const std::int64_t most = std::min(
-        MAX_BYTES / bytes,
+        SEARCH_BYTES / bytes,
         std::int64_t{std::numeric_limits<std::int32_t>::max()} / 2 - model_.actions() - 2);
     goal_ = -1;
     while (work_ / WORK < limit) {

@@ -15,7 +15,6 @@ namespace serp {
 namespace {
 
 constexpr Flags BITS = 0x1F;
-constexpr double INF = std::numeric_limits<double>::infinity();
 /// Ways on are followed to so many times the depth, and so many are enough.
 constexpr int FARTHER = 4, WAYS = 2;
 
@@ -223,8 +222,8 @@ void Lookahead::choose(int node, int expanded, FirstActions& first) {
     for (int action = 0; action < actions_; ++action) {
         const Edge& edge = edges[action];
         if (!(edge.flags & APPLICABLE)) {
-            first.value[action] = -INF, first.path_risk[action] = 1.0;
-            first.safe_steps[action] = -1;
+            first.value[action] = -std::numeric_limits<double>::infinity();
+            first.path_risk[action] = 1.0, first.safe_steps[action] = -1;
             if (node == 0) first.reward[action] = 0.0;
             undefined = undefined || edge.flags & UNDEFINED;
             continue;
@@ -359,8 +358,8 @@ void check_width(const Lookahead& lookahead, std::size_t numbers, const CellValu
                                     " numbers");
 }
 
-Result forecast(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
-                const CellValues* leaves) {
+Result forecast_of(Lookahead& lookahead, const In<double, nb::ndim<1>>& state,
+                   const CellValues* leaves) {
     check_width(lookahead, state.size(), leaves);
     return result_of(lookahead.forecast(state.data(), leaves));
 }
@@ -393,7 +392,7 @@ void bind_lookahead(nb::module_& module) {
                 new (self) Lookahead(model, {depth, discount, accepted_risk, max_nodes, max_edges});
             }, nb::arg("model"), nb::arg("depth"), nb::arg("discount"), nb::arg("accepted_risk"),
             nb::arg("max_nodes"), nb::arg("max_edges"), nb::keep_alive<1, 2>())
-        .def("forecast", &forecast, nb::arg("state"), nb::arg("leaves").none(),
+        .def("forecast", &forecast_of, nb::arg("state"), nb::arg("leaves").none(),
              "Return the fields of a `Forecast` for a state [F], and the edges followed for it.")
         .def("check_safety", [](Lookahead& lookahead, const In<double, nb::ndim<1>>& state) {
                 return result_of(lookahead.check_safety(state_of(state, lookahead.width())));

@@ -13,9 +13,9 @@ constexpr double TINY = 1e-9;
 constexpr double EXACT = 1e-9;
 /// Most sweeps of value iteration, and of each of its parts; fewer where these would follow more than
 /// so many outcomes, which takes about a second.
-constexpr int SWEEPS = 3'000, OUTCOMES_FOLLOWED = 60'000'000;
+constexpr int MOST_SWEEPS = 3'000, OUTCOMES_FOLLOWED = 60'000'000;
 /// Most sweeps over the best edges after a sweep over all edges.
-constexpr int EVALUATIONS = 10;
+constexpr int POLICY_SWEEPS = 10;
 /// Most policies whose risks are bounded node by node; then none may risk more than the least.
 constexpr int BOUNDED = 8;
 /// In place of the node of an edge that is taken once: no outcome leads there.
@@ -293,7 +293,7 @@ private:
                 update(node, most);
             });
             if (change <= EXACT * largest) break;
-            for (int k = 0; discount < 1.0 && k < EVALUATIONS && change > EXACT * largest; ++k) {
+            for (int k = 0; discount < 1.0 && k < POLICY_SWEEPS && change > EXACT * largest; ++k) {
                 change = 0.0;
                 for_each_node(graph_, k % 2 == 1, [&](int node) {
                     const int edge = graph_.best[node];
@@ -333,7 +333,7 @@ private:
 
     Graph& graph_;
     const Preferences preferences_;
-    const int sweeps_ = std::min(SWEEPS, OUTCOMES_FOLLOWED / std::max(1, graph_.outcomes()));
+    const int sweeps_ = std::min(MOST_SWEEPS, OUTCOMES_FOLLOWED / std::max(1, graph_.outcomes()));
     std::vector<std::uint8_t> allowed_;  ///< [E] whether the best policy may take an edge
 };
 

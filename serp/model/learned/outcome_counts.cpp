@@ -18,7 +18,7 @@ namespace {
 /// Samples that the counts over all contexts are worth, of the experts that count in a context.
 constexpr std::array PRIORS{0.1, 1.0, 10.0};
 /// Weight of the past in the scores and in the evidence for an expert, per sample.
-constexpr double MEMORY = 0.995;
+constexpr double PAST = 0.995;
 /// Counts of a context are halved beyond this total.
 constexpr double MOST = 2000.0;
 /// Steps of expectation-maximisation after a sample; they go on from where the last ones ended.
@@ -138,7 +138,7 @@ void OutcomeTable::weigh_experts(int row, const OutcomeRoom& room) {
     for (std::size_t e = 0; e < EXPERTS; ++e) {
         double predicted = fitting;
         if (e < PRIORS.size()) predicted = (told + PRIORS[e] * fitting) / (known + PRIORS[e]);
-        believed[e] = std::pow(believed[e], MEMORY) * std::max(LEAST, predicted);
+        believed[e] = std::pow(believed[e], PAST) * std::max(LEAST, predicted);
         most = std::max(most, believed[e]);
     }
     for (std::size_t e = 0; e < EXPERTS; ++e) {
@@ -147,7 +147,7 @@ void OutcomeTable::weigh_experts(int row, const OutcomeRoom& room) {
     }
     for (std::size_t e = 0; e < EXPERTS; ++e) {
         const double share = trust[e] * believed[e] / total;
-        trust[e] = std::max(LEAST, MEMORY * trust[e] + share);
+        trust[e] = std::max(LEAST, PAST * trust[e] + share);
     }
 }
 
@@ -395,7 +395,7 @@ bool OutcomeTable::count(ObservedStep& seen, const std::vector<int>& inputs, dou
     if (fitting > 0 || !seen.over) {
         const double own = score(room);
         // The n-th sample initially has the weight 3 / (2 + n), so that early ones soon lose weight.
-        const double rate = std::max(1.0 - MEMORY, 3.0 / (3.0 + samples));
+        const double rate = std::max(1.0 - PAST, 3.0 / (3.0 + samples));
         scores[0] += rate * ((room.fits[0] == Fit::FITS ? 0.0 : 2.0) - scores[0]);
         scores[1] += rate * (own - scores[1]);
     }
