@@ -140,7 +140,9 @@ class FarSightPlanner:
             self._revision = self.model.revision
             self.graph.clear()
             self.goal_search.forget()
-        return self.graph.forecast(state)
+        graph = self.graph  # a part of one that misses the goal, as after a slip, is left
+        known = graph.complete or self.model.ground.goal is None or graph.ends(state)
+        return graph.forecast(state) if known else None
 
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
