@@ -171,7 +171,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(change, messag
         (lambda a, m: a["replay.action"].fill(A), "action has values"),
         (lambda a, m: a["replay.imitated"].fill(A), "imitated has values"),
         (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
-        (lambda a, m: m["replay"].update(head=3), "the head 3"),
+        (lambda a, m: m["replay"].update(head=3), "head 3"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil, message):
