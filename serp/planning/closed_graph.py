@@ -21,7 +21,7 @@ from serp.planning.inert import inert_fluents
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 400_000
-"""Most edges of a graph; with this many, expansion and solution take about a second."""
+"""Most work of a graph, in edges; with this much, expansion and solution take about a second."""
 
 
 class ClosedGraph(_core.ClosedGraph):

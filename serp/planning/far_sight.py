@@ -140,9 +140,13 @@ class FarSightPlanner:
             self._revision = self.model.revision
             self.graph.clear()
             self.goal_search.forget()
-        graph = self.graph  # a part of one that misses the goal, as after a slip, is left
-        known = graph.complete or self.model.ground.goal is None or graph.ends(state)
-        return graph.forecast(state) if known else None
+        if not self.graph.complete and self._misses_goal(state):
+            return None  # a part of a graph, as after a slip: a search may find a way
+        return self.graph.forecast(state)
+
+    def _misses_goal(self, state: Vector) -> bool:
+        """Return whether there is a goal that the graph's best policy does not reach."""
+        return self.model.ground.goal is not None and not self.graph.ends(state)
 
     @contextlib.contextmanager
     def prefetch(self, states: Sequence[Vector]) -> Iterator[None]:
@@ -220,7 +224,7 @@ class FarSightPlanner:
         self.graph.clear()
         self.graph.grow(way, _SMALL_GRAPH)
         forecast = self.graph.forecast(state)
-        if forecast is None or (self.model.ground.goal is not None and not self.graph.ends(state)):
+        if forecast is None or self._misses_goal(state):
             self.graph.clear()  # costs or the discount hide the goal from it: the way is followed
             return None
         self.goal_search.forget()
@@ -230,12 +234,12 @@ class FarSightPlanner:
         """Return the actions that led to the goal from where the world was; empty: none did."""
         plan: dict[bytes, int] = {}  # by states: a policy that comes to one again goes round
         state, model = self._before, self.model
-        while state is not None and len(plan) < _LONGEST and state.tobytes() not in plan:
+        while state is not None and len(plan) < _LONGEST and (key := state.tobytes()) not in plan:
             forecast = self.graph.forecast(state)
             action = self.goal_search.toward(state) if forecast is None else forecast.choice
             if action < 0:
                 break
-            plan[state.tobytes()] = action
+            plan[key] = action
             outcome = model.step(state, action)
             state = outcome.state
             if outcome.terminal:

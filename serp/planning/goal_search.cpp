@@ -97,11 +97,11 @@ class WaySearch {
 public:
     WaySearch(const Model& model, const Relaxation& relaxation, std::vector<std::int64_t> inert,
               std::vector<std::int64_t> numbers, double accepted_risk, Kind kind)
-        : kind_(kind), lazy_(kind == LAZY || kind == LANDMARKS), model_(model),
-          stepper_(model.stepper()), width_(model.fluents()), bits_((width_ + 63) / 64),
-          size_(bits_ + numbers.size()), inert_(std::move(inert)), numbers_(std::move(numbers)),
-          accepted_risk_(accepted_risk), costs_(relaxation), atoms_(width_ + numbers_.size()),
-          helpful_(model.actions()), source_(width_), target_(width_ + 1), packed_(size_) {}
+        : kind_(kind), model_(model), stepper_(model.stepper()), width_(model.fluents()),
+          bits_((width_ + 63) / 64), size_(bits_ + numbers.size()), inert_(std::move(inert)),
+          numbers_(std::move(numbers)), accepted_risk_(accepted_risk), costs_(relaxation),
+          atoms_(width_ + numbers_.size()), helpful_(model.actions()), source_(width_),
+          target_(width_ + 1), packed_(size_) {}
 
     /// Searches on from a state [F] for an edge that reaches the goal, and follows at most about
     /// `limit` edges, or does as much other work; returns how many, and whether the goal was reached.
@@ -127,6 +127,7 @@ private:
     bool is_state(int node) const {
         return std::equal(packed_.begin(), packed_.end(), state(node));
     }
+    bool lazy() const { return kind_ == LAZY || kind_ == LANDMARKS; }
     void pack(const double* row);
     void unpack(int node, double* row) const;
     int find(const double* row);
@@ -147,7 +148,6 @@ private:
     int count_landmarks(const double* row, int parent);
 
     const Kind kind_;
-    const bool lazy_;
     const Model& model_;
     const std::unique_ptr<Stepper> stepper_;
     int width_;
@@ -268,7 +268,7 @@ bool WaySearch::add(double* row, int parent, int action) {
     states_.insert(states_.end(), packed_.begin(), packed_.end());
     parent_.push_back(parent), action_.push_back(action), known_.push_back(0), done_.push_back(0);
     left_.push_back(kind_ == NOVEL ? costs_.lacking(row) : count_landmarks(row, parent));
-    if (lazy_ || kind_ == MEND)
+    if (lazy() || kind_ == MEND)
         cost_.push_back(parent < 0 ? 0.0f : cost_[parent] + (kind_ == MEND));
     else
         cost_.push_back(evaluate(row));
@@ -287,7 +287,7 @@ void WaySearch::open(int node) {
     if (helped) queues_[1].append(cost_[node], node);
     if (words_) queues_[2].append(left_[node], node);
     if (words_ && helped) queues_[3].append(left_[node], node);
-    if (!lazy_) improve(node);
+    if (!lazy()) improve(node);
 }
 
 /// Appends to `marks_` the landmarks that were true on the way to a new node, and returns how many
@@ -317,7 +317,7 @@ int WaySearch::count_landmarks(const double* row, int parent) {
 void WaySearch::improve(int node) {
     const bool nearer = left_[node] < least_left_;
     least_left_ = std::min(least_left_, left_[node]);
-    if (lazy_ && node != root_ && (nearer || cost_[node] < least_))
+    if (lazy() && node != root_ && (nearer || cost_[node] < least_))
         for (const int k : {1, 3}) queues_[k].turns -= BOOST;
     if (cost_[node] >= least_) return;
     least_ = cost_[node];
@@ -355,7 +355,7 @@ bool WaySearch::expand(int node) {
     if (kind_ != MEND) {
         const float cost = evaluate(source_.data());
         const auto plan = static_cast<float>(costs_.relaxed_plan(helpful_));
-        cost_[node] = lazy_ && cost < std::numeric_limits<float>::infinity() ? plan : cost;
+        cost_[node] = lazy() && cost < std::numeric_limits<float>::infinity() ? plan : cost;
     }
     const bool alive = cost_[node] < std::numeric_limits<float>::infinity();
     if (!alive && node != root_) return false;  // from the root every action is tried
@@ -373,7 +373,7 @@ bool WaySearch::expand(int node) {
             return true;
         }
     }
-    if (lazy_ && goes_on && alive) improve(node);
+    if (lazy() && goes_on && alive) improve(node);
     if (!goes_on && node == best_) best_ = -1;
     return false;
 }

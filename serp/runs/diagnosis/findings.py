@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 from serp._util.text import measured, percent_measured, plain, plural, readable
 from serp.model.ground_model import GroundModel, Parameter
@@ -242,9 +242,14 @@ class Findings:
     @classmethod
     def of(cls, finding: Finding) -> Self:
         """Return a single finding as findings."""
-        kinds = ParameterFinding, MissingEffect, StochasticEffect, RuleFinding
-        parts: Any = [(finding,) * isinstance(finding, kind) for kind in kinds]
-        return cls(*parts)
+        match finding:
+            case ParameterFinding():
+                return cls(parameters=(finding,))
+            case MissingEffect():
+                return cls(missing=(finding,))
+            case StochasticEffect():
+                return cls(stochastic=(finding,))
+        return cls(rules=(finding,))
 
 
 def _where(finding: Finding) -> str:
